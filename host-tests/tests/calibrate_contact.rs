@@ -47,6 +47,7 @@ impl Probe {
     }
 }
 
+/// The exponent is that of the reference insole, 0.8, and the pressures begin at 1 % of the largest one.
 #[test]
 fn the_curve_is_within_a_thousandth_of_the_law() {
     for full_kpa in [200.0, 1000.0, 1500.0] {

@@ -30,6 +30,7 @@ const EVERY: u8 = 4;
 fn session(over: LinkKind) -> (SharedWorld, Client<Link>) {
     let world = Rc::new(RefCell::new(World::new(1, 1e6 / PERIOD_US as f64)));
     world.borrow_mut().run_for(500_000);
+    // From now on, the pipeline that is the reference for this boot also stores the ellipses of each frame.
     world.borrow().insoles[0].boots[0].reference.borrow_mut().ellipses = Some(BTreeMap::new());
     let link = Link::open(&world, 0, over).expect("the insole is on");
     let mut client = Client::connect(link, Duration::from_secs(2)).expect("the insole answers");

@@ -228,10 +228,10 @@ impl Walk for Numbered {
     }
 }
 
-/// Period of the scans in the tests of joined walks, long enough that the time between their lines is rounded away.
+/// Period of the scans in the tests of joined walks. It is so long that the running time of these tests is rounded to 0 scans.
 const PERIOD: Duration = Duration::from_secs(90);
 
-/// The numbers of the scans that a board receives for its scans `seqs`.
+/// For each of the board's own scans `seqs`, the number of the scan of the walk that the board receives.
 fn scans(walk: &mut Joined<Numbered>, seqs: [u32; 3]) -> [u16; 3] {
     seqs.map(|seq| {
         let mut codes = [0];
@@ -274,8 +274,8 @@ fn a_synthetic_walk_is_the_same_on_the_device_and_on_a_host() {
     assert_device_equals_host(&synthetic_walk(4, 100.0), ContactRule::COUNTED, 4);
 }
 
-/// A minute after the foot was lifted, the insole is not worn and skips most frames: the heel strike of the next contact, which is
-/// then no step, and the last frame.
+/// A minute after the foot was lifted, the insole counts as not worn and skips most frames. Among the skipped ones are the heel
+/// strike of the next contact, which is therefore rejected as a step, and the last frame of the walk.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_walk_with_pauses_without_load_differs_from_a_replay_by_the_first_contact_after_the_pause() {

@@ -5,8 +5,8 @@ use crate::listed::all_sources;
 use std::fs;
 use std::path::Path;
 
-/// The attribute in two parts, so that the test does not find itself.
-const ATTRIBUTE: &str = concat!("#[", "test]");
+/// The attributes of tests, in two parts each, so that the test does not find itself.
+const ATTRIBUTES: [&str; 2] = [concat!("#[", "test]"), concat!("#[", "rstest]")];
 
 #[test]
 fn every_file_beside_a_list_of_modules_is_in_the_list() {
@@ -37,7 +37,7 @@ fn no_test_is_in_a_package_that_declares_its_sources_free_of_tests() {
         }
         let text = fs::read_to_string(&file).expect("the source can be read");
         assert!(
-            !text.contains(ATTRIBUTE),
+            !ATTRIBUTES.iter().any(|attribute| text.contains(attribute)),
             "{}: Cargo.toml excludes tests in `src`: remove `test = false`",
             file.display()
         );

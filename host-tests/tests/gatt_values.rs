@@ -1,4 +1,5 @@
-//! The values of GATT characteristics: fragments of messages, cadence, and the characteristic Current Time.
+//! The values of GATT characteristics: fragments of messages, cadence, and the characteristic Current Time. One further test
+//! checks the quantities of a step in files.
 
 use plantar::pipeline::cadence::Cadence;
 use plantar::protocol::current_time::{from_current_time, to_current_time};

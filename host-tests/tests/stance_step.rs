@@ -354,8 +354,8 @@ struct Truth {
     clamped: bool,
 }
 
-/// Eq. 13, 14 and 20 of the paper as printed, with the identifiable force law and the difference of the normalised deformation g
-/// over 20 ms.
+/// Eq. 14 and 20 of the paper, and Eq. 13 in the form of the identifiable force law, in which a tension counts as 0. The rate is
+/// the difference of the normalised deformation g over 20 ms.
 fn transcription(law: &ForceLaw<f64>, area_mm2: &[f64], force_n: &[f64], sample_s: f64) -> Truth {
     let contact: Vec<usize> = (0..area_mm2.len()).filter(|&i| area_mm2[i] > 0.0).collect();
     let (first, last) = (contact[0], contact[contact.len() - 1]);
@@ -650,7 +650,7 @@ fn a_foot_that_touches_the_ground_in_swing_makes_no_step() {
 }
 
 /// The recording of a prosthetic foot, which loads a few cells of the heel and of the forefoot only, with `force_n` in ten
-/// stances of 1.1 s.
+/// stances of 1.1 s. It ends within an eleventh one.
 fn prosthesis(force_n: f64) -> recording::Recording {
     let layout = synthetic::insole(144);
     let spots: Vec<_> = [plantar::Region::Heel, plantar::Region::Metatarsals12]

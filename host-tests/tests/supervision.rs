@@ -1,5 +1,6 @@
 //! Supervision: stalls, panics and hard faults are detected, reported and followed by a restart within a short time. Some tests
-//! run the real firmware in QEMU, from the file in `PLANTAR_FIRMWARE`; the others test only the watchdog's logic.
+//! run the real firmware in QEMU, from the file in `PLANTAR_FIRMWARE`; the others test only the watchdog's logic, and what the
+//! status reports of the radio.
 
 use crate::common::{firmware, synthetic_walk};
 use addr2line::Loader;

@@ -1,5 +1,5 @@
-//! Tracking: K and G of a force law follow the steps. The reference is the weighted least-squares solution over all samples by
-//! NumPy, or the known force law from which the steps were computed.
+//! Tracking: the stiffness K and the damping G of a force law follow the steps. The reference is the weighted least-squares
+//! solution over all samples by NumPy, or the known force law from which the steps were computed.
 
 use crate::common;
 use plantar::Side;

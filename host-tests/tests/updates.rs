@@ -38,7 +38,7 @@ pub fn firmware_with(version: &str, secret: &SigningKey) -> Image {
 pub struct Insole {
     /// The content of the flash chip while the insole is off; `None` for a new chip.
     pub flash: Option<Vec<u8>>,
-    /// A fault of the firmware.
+    /// The fault to inject into the firmware; `None` for no fault.
     pub fault: Option<PlannedFault>,
 }
 
@@ -49,8 +49,9 @@ impl Insole {
     }
 
     /// Switches the insole on. With `power_cut`, power fails in the write or erase operation of the chip with this number,
-    /// counted from 0. `swapped` is the result of [`Self::wait`] for the previous start: true if the active image in the chip
-    /// is to run. `hci` is the TCP port of the simulated Bluetooth controller; `None` for an insole without Bluetooth.
+    /// counted from 0; the bootloader and the application each count their own operations. `swapped` is the result of
+    /// [`Self::wait`] for the previous start: true if the active image in the chip is to run. `hci` is the TCP port of the
+    /// simulated Bluetooth controller; `None` for an insole without Bluetooth.
     pub fn start(&self, power_cut: Option<u32>, swapped: bool, hci: Option<u64>) -> Board {
         let walk = synthetic_walk(2, 100.0);
         let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);

@@ -15,7 +15,8 @@ use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use testkit::wear::{Found, LEVELS_KPA, Residual, compare, find, noisy_walk, with_residual};
 use testkit::{LAW, SETUP, cell, code_of};
 
-/// The walk has the noise of a sensor. Its steps vary differently for each kind of residual pressure.
+/// The shoe presses with up to 8 kPa. The walk has the noise of a sensor. Its steps vary differently for each kind of residual
+/// pressure.
 #[test]
 fn steps_are_found_however_hard_the_shoe_presses() {
     let (mut walked, mut found) = (0, 0);
@@ -215,7 +216,7 @@ fn two_successive_swings_lower_the_zero() {
         (&[0, 0, 400, 400, 400, 0], 400),
         // A shift that the baseline can follow is no fault of the cells.
         (&[0, 0, 1_500, 1_500, 1_500, 0], 1_500),
-        // The first reading after the start is the only one.
+        // The first reading after the start lowers the zero at once, without a second one that confirms it.
         (&[400, 0], 400),
     ] {
         let measured = lowered(below);

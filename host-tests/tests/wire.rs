@@ -551,7 +551,7 @@ fn no_single_bit_error_produces_another_message() {
     }
 }
 
-/// An insole may be anything that advertises its name, and hosts print these texts.
+/// Any device can advertise the name of an insole, and hosts print the texts of its hello.
 #[test]
 fn texts_of_a_hello_do_not_control_a_terminal() {
     let sent =

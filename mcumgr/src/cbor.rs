@@ -9,7 +9,7 @@ const ARRAY: u8 = 4;
 const MAP: u8 = 5;
 const TAG: u8 = 6;
 const SIMPLE: u8 = 7;
-/// The values of the simple items for false and true.
+/// The value of the simple item for false; that for true is one higher.
 const FALSE: u32 = 20;
 /// Stands for the length of a map of indefinite length, and for the value of the item "break" that ends it.
 const OPEN: u32 = u32::MAX;

@@ -97,7 +97,7 @@ class Core:
         return bytes(gdb.selected_inferior().read_memory(self.mark, len(MARK))) == MARK
 
     def attempt(self, verifies_once, at, skip):
-        """Skips bytes at this address; returns whether the image was accepted, or None if the check does not reach it."""
+        """Skips bytes at this address; returns whether the image was accepted, or None if the check never gets there."""
         self.begin(verifies_once)
         if at != self.check:
             # GDB would move a breakpoint of its own out of an IT block (conditional instructions).

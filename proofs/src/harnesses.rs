@@ -1,7 +1,8 @@
-//! Harnesses with which Kani can prove properties. A harness covers all inputs at once, within the bounds that its comment states, if any.
+//! Harnesses with which Kani can prove properties. A harness covers all inputs at once, within the bounds that its comment
+//! states, if any.
 //!
-//! These harnesses have never run: Kani's set-up downloads Kani's compiler from a release page, and the workflow
-//! `.github/workflows/ci.yml`, which runs Kani, has not run yet.
+//! These harnesses have never run; they were only type-checked, with a stub of Kani's functions. Kani's set-up needs Kani's
+//! compiler from its release page, and the workflow `.github/workflows/ci.yml`, which runs Kani, has not run yet.
 
 use crate::{codec, flash, fragments, numbers};
 use fragments::Fragment;

@@ -49,7 +49,7 @@ def test_each_step_is_acknowledged_once_the_next_event_is_requested() -> None:
 
 
 @needs_insole
-def test_a_step_whose_processing_failed_arrives_again() -> None:
+def test_a_step_arrives_again_if_its_processing_failed() -> None:
     with simulated(2) as (address, _):
         for _ in range(2):
             with plantar.Insole.connect(tcp=address) as insole, pytest.raises(RuntimeError, match="processing"):

@@ -181,7 +181,7 @@ def test_regions_are_sorted_from_heel_to_toes(walk_file: pathlib.Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")
-def test_normalised_steps_do_not_drift_at_a_rate_whose_period_is_no_whole_microsecond(tmp_path: pathlib.Path) -> None:
+def test_normalised_steps_do_not_drift_at_a_rate_with_a_fractional_period_in_us(tmp_path: pathlib.Path) -> None:
     path = walk(tmp_path / "walk.parquet", "--rate", 300, "--steps", 60)
     curves = package.replay(path).normalised("total_force_n")
     # The steps of the computed walk differ by a few percent, and each begins at another time between two frames. The force

@@ -25,7 +25,7 @@ pub(super) struct Review {
     pub(super) rise: Rise,
     /// A step of walking has ended since the last review began, so the cells have evidence of a stance.
     pub(super) has_stance: bool,
-    /// Number of cells that carried load before and did not respond in this step.
+    /// Number of cells that carried load in recent steps and did not respond in this step.
     pub(super) unresponsive: u32,
     /// Number of corrected baselines.
     pub(super) rezeroed: u32,
@@ -126,7 +126,7 @@ fn review_swing<R>(cell: &mut InsoleCell<R>, code: u16, neighbours: Option<&Neig
     }
 }
 
-/// Reviews the evidence of the stance. True if the cell carried load before and did not respond in this step.
+/// Reviews the evidence of the stance. True if the cell carried load in recent steps and did not respond in this step.
 fn review_stance<R: Real>(cell: &mut InsoleCell<R>, neighbours: Option<&Neighbourhood>) -> bool {
     let marks = &mut cell.marks;
     let loaded_steps = marks.count(Count::Loaded);

@@ -31,8 +31,9 @@ pub struct Failures {
 }
 
 impl Failures {
-    /// What to record at the start of a run. [`Failures::at_next_start`] understands it if the run fails before it is healthy;
-    /// later, [`Failures::recorded_after`] replaces it.
+    /// What to record at the start of a run, in RAM that survives a reset. The run counts as a failed start in advance:
+    /// [`Failures::at_next_start`] takes this back unless the start has failed ([`MAX_FAILED_STARTS`]), and
+    /// [`Failures::recorded_after`] once the run has been healthy for long enough.
     pub fn recorded(self) -> Self {
         Self { starts: self.starts.saturating_add(1), ..self }
     }

@@ -25,7 +25,7 @@ pub const REFERENCE_DIVISOR: u16 = 11;
 pub const FEEDBACK_OHM: u32 = 33_000;
 /// Resistance of a cell at the full-scale pressure of the sensor law, ohm.
 pub const FULL_SCALE_OHM: u32 = FEEDBACK_OHM / REFERENCE_DIVISOR as u32;
-/// Code of an unloaded cell, whose amplifier is at the virtual ground.
+/// Code of an unloaded cell: the output of its amplifier is at the virtual ground.
 pub const UNLOADED_CODE: u16 = FULL_CODE / REFERENCE_DIVISOR;
 /// Codes from here on count as full scale, because an amplifier may saturate up to 33 mV, 1 % of its supply, below the supply.
 pub const CLIPPED_CODE: u16 = FULL_CODE - FULL_CODE / 100;

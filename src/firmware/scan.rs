@@ -31,7 +31,8 @@ pub struct ScanCounters {
     pub(super) overrun: AtomicU32,
     /// Number of frames that were not scanned because the insole is not worn.
     pub(super) skipped: AtomicU32,
-    /// Frames whose number is a multiple of `interval` are scanned: 1 while the insole is worn. Processing changes it.
+    /// Frames with a number that is a multiple of `interval` are scanned. `interval` is 1 while the insole is worn; processing
+    /// changes it.
     pub(super) interval: AtomicU32,
     /// Total duration of all scans since the start, ms; wraps.
     pub(super) scanning_ms: AtomicU32,

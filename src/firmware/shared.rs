@@ -59,14 +59,14 @@ pub enum Exchange {
 
 /// The state that the loops on the low-priority executor share.
 ///
-/// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier; other
-/// messages over the other carrier are refused. So all steps wait in one queue, and a step leaves the queue once a host has
-/// acknowledged it.
+/// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier. Other
+/// messages over the other carrier are refused or, if the session has ended or its host is silent, not answered. So all load
+/// records wait in one queue, and a record leaves the queue once a host has acknowledged it.
 pub struct Shared {
     pub(super) session: &'static RefCell<Session>,
     /// A reference, because this structure is moved once at the start, which takes as much stack as its size.
     pub(super) exchange: &'static RefCell<Exchange>,
-    /// The carrier of the exchange; `None` once it has lost the tool, whose request is executed nevertheless.
+    /// The carrier of the exchange; `None` once this carrier has lost the tool. The request of the tool is executed nevertheless.
     pub(super) tool: Cell<Option<Carrier>>,
     /// The carrier of the session.
     carrier: Cell<Carrier>,

@@ -66,7 +66,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.alert_rules = *rules;
     }
 
-    /// Suppresses alerts for the next `snoozed_s` seconds.
+    /// Suppresses alerts for at least the next `snoozed_s` seconds. A pause or a snooze that lasts longer continues; 0 ends both.
     pub fn snooze_alerts(&mut self, snoozed_s: u16) {
         self.alerts.snooze(snoozed_s);
     }

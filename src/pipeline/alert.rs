@@ -117,7 +117,7 @@ impl DailyLoad {
 /// The state of the alerts.
 #[derive(Debug)]
 pub(crate) struct Alerts {
-    /// Number of the day.
+    /// Number of the day, see [`AlertRules::day`]; 0 without a clock.
     pub(crate) day: u32,
     /// Number of seconds since the beginning of the day. A day without a clock ends by this count.
     seconds: u32,

@@ -2,8 +2,8 @@
 
 /// Longest stride time within a walk, between successive heel strikes of one foot, us.
 const PAUSE_US: u64 = 3_000_000;
-/// Time that is allowed from toe off until the step is added, us. The default rule confirms toe off after 50 ms; with a much longer
-/// time, the cadence of very slow walkers is interrupted.
+/// Time that is allowed from toe off until the step is added, us. The default rule confirms toe off after 50 ms; with a much
+/// longer time, the cadence of very slow walkers is interrupted.
 const CONFIRMED_US: u64 = 200_000;
 
 /// The cadence of both feet, from the stride time of one foot: a stride has one step of each foot.

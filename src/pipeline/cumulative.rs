@@ -68,7 +68,7 @@ pub struct RegionTotal {
 /// The load of all regions in a day.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Totals {
-    /// Number of seconds in which a region carried load.
+    /// Number of seconds in which a cell had at least [`LOADED_KPA`].
     pub loaded_s: u32,
     /// Number of steps.
     pub steps: u32,
@@ -199,7 +199,7 @@ impl<R: Real> CumulativeLoad<R> {
         is_second
     }
 
-    /// Ends the present second now, if it has begun: no further frames follow.
+    /// Ends the present second now, if it has begun: no further frames follow. True if it had begun.
     pub(crate) fn finish(&mut self, limits: &LoadLimits) -> bool {
         let has_begun = self.frames > 0;
         if has_begun {

@@ -30,7 +30,8 @@ pub(crate) const DRIFT: u8 = 128;
 /// A quantity that is counted over several steps. The value is the position of its two bits in [`CellMarks::counts`].
 #[derive(Clone, Copy)]
 pub(crate) enum Count {
-    /// Recent steps in which the cell exceeded the load threshold.
+    /// The load counter. A step in which the cell exceeds the load threshold increments it; one in which the cell does not
+    /// respond decrements it.
     Loaded = 0,
     /// Successive steps in which the cell did not respond although it was surrounded by loaded cells. [`NO_RESPONSE`] has weaker
     /// conditions, so it is also set in steps that do not count here.

@@ -58,18 +58,19 @@ pub struct Stance<R> {
     last_seq: u32,
     /// Number of frames since the contact was ignored, in [`Phase::Ignored`].
     ignored: u32,
-    /// Number of frames since heel strike, including bridged frames, up to the last frame with the foot on the ground. In
-    /// [`Phase::Ignored`], the frames are counted since the contact was ignored.
+    /// Number of frames since heel strike, including bridged frames, up to the last one in which the total force reached the
+    /// threshold of toe off; 1 before it has reached this threshold. In [`Phase::Ignored`], the frames are counted since the
+    /// contact was ignored, and the number is 0 before the force reaches the threshold again.
     loaded: u32,
     /// Number of bridged frames since heel strike.
     bridged_so_far: u32,
-    /// Number of bridged frames up to the last frame with the foot on the ground.
+    /// Number of bridged frames among the frames of `loaded`.
     bridged: u32,
     curves: Curves<R>,
     bouts: Bouts<R>,
     /// Largest measured force of each region, N.
     region_peaks_n: [R; 8],
-    /// Bit i: the last frame has the largest measured force of region i so far, and the foot was on the ground.
+    /// Bit i: the last frame has the largest measured force of region i since heel strike, and is not after toe off.
     at_peak: u8,
     /// Bit i: a cell of region i was saturated since heel strike.
     saturated: u8,

@@ -74,7 +74,7 @@ impl<R: Real> Load<R> {
         }
     }
 
-    /// Sum of the total force, N.
+    /// Sum of the total force over the frames, N.
     pub(super) fn total_n(&self) -> R {
         self.force_n.iter().copied().sum()
     }

@@ -82,7 +82,7 @@ impl GattChannel {
 /// Why a written value was not accepted; the central receives it as an attribute error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WriteError {
-    /// The value is too long or empty.
+    /// The value is empty, or its message is longer than the protocol allows.
     Length,
     /// The value is a fragment of a message out of order.
     OutOfOrder,

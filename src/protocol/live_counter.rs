@@ -43,8 +43,8 @@ impl LiveCounter {
     pub fn due(&mut self, live_due: u32) {
         let missing = live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost);
         self.add_lost(missing);
-        // The gap before the next frame must not count these losses again. Before the first frame there is no number to expect: with
-        // a server, frames have the numbers of its session with the insole, which do not begin at 0.
+        // The gap before the next frame must not count these losses again. Before the first frame there is no number to expect:
+        // with a server, frames have the numbers of its session with the insole, which do not begin at 0.
         self.expected = self.expected.map(|expected| expected.wrapping_add(missing));
     }
 

@@ -72,7 +72,8 @@ pub enum ToHost {
     /// The stored settings, which are in force from the next start on: on request, and when new ones are stored. `None` if the
     /// board's own configuration is in force.
     Settings(Option<Settings>),
-    /// How the parameters in force were identified; `None` if the host that set them did not send this information.
+    /// How the parameters in force were identified; `None` without parameters, or if the host that set them did not send this
+    /// information.
     Identified(Option<Identified>),
     /// A load bout that is not acknowledged yet.
     Bout(Bout),
@@ -173,7 +174,7 @@ pub enum ToDevice {
         /// Checksum of the calibration; see [`super::CalibrationId`].
         id: u32,
     },
-    /// Restarts the insole; there is no answer.
+    /// Restarts the insole; answered only by [`ToHost::Refused`], if another command is pending.
     Restart,
     /// A request of a firmware update; answered by [`ToHost::Update`] or [`ToHost::Refused`].
     Update(update::Request),

@@ -32,7 +32,7 @@ pub struct Status {
     /// Number of frames on the serial port, or values over Bluetooth, that arrived with a wrong CRC or without a known message.
     pub bad_frames: u32,
     /// Smallest and largest number of processor cycles so far for a frame with the foot on the ground, from codes to encoded live
-    /// message.
+    /// message, with the packing of its cells while they are streamed; `(u32::MAX, 0)` before the first such frame.
     pub frame_cycles: (u32, u32),
     /// Deepest use of the main stack so far, bytes.
     pub stack_bytes: u32,
@@ -95,7 +95,7 @@ impl Status {
 /// The contents of the flash chip, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Contents {
-    /// Number of the present boot, from 1.
+    /// Number of the present boot, from 1; 0 if it is unknown, as without a chip and in recovery mode.
     pub start: u32,
     /// Number of the next load record, according to the log.
     pub next_record: u32,

@@ -8,7 +8,8 @@ use serde::de::DeserializeOwned;
 
 /// Decodes version 1 of one of the records in [`super::records`], which have versions of their own. Only
 /// [`IdentifiedRecord`](super::IdentifiedRecord) has a later one: version 1 lacks its last byte, the identified regions. Without
-/// this knowledge, no region is tracked. A record without conditions of an identification has the same effect as none.
+/// this knowledge, no region is tracked. A version 1 of this record without an identification cannot be decoded, and counts as
+/// missing; the effect is the same.
 pub(super) fn record<R: DeserializeOwned>(bytes: &[u8]) -> Option<R> {
     let mut padded = [0; 64];
     padded.get_mut(..bytes.len())?.copy_from_slice(bytes);

@@ -54,7 +54,7 @@ const fn from_hex(text: &str) -> [u8; 32] {
 pub(super) struct File {
     /// The SHA-256 that names the image.
     pub name: Sha256,
-    /// The checksum of the file by its first part; 0 if this part has none.
+    /// The SHA-256 of the whole file, with its trailer, as its first part has stated it; zeros if this part stated none.
     pub checksum: Sha256,
 }
 

@@ -58,7 +58,8 @@ fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
 }
 
 /// The insole's time at which a message arrives, us: 0, except for a request for the time. Such a request arrives at the moment
-/// at which the host sent it, and the insole's time began 1.7e9 s after the Unix epoch; before, it is 0.
+/// at which the host sent it, and the insole's time began 1.7e9 s after the Unix epoch. If the host's clock is before that, the
+/// time is 0, too.
 fn device_us(message: &ToDevice) -> u64 {
     match message {
         ToDevice::GetTime { host_us } => host_us.saturating_sub(1_700_000_000_000_000),

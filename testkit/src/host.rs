@@ -242,7 +242,7 @@ pub struct Host {
     pub live: u64,
     /// The last live frame that arrived.
     pub last_live: Option<Live>,
-    /// Every hello that arrived.
+    /// The hello of each session that the host opened, without those of retransmissions, which the client requests itself.
     pub hellos: Vec<Hello>,
     /// The texts of the client's errors.
     pub errors: Vec<String>,

@@ -304,8 +304,8 @@ pub struct Expect {
     pub bouts: Option<Vec<String>>,
     /// Times of the alerts that arrive from the first insole, since the first scan of its boot, s.
     pub alerts: Option<Vec<f64>>,
-    /// Largest number of computed steps and load bouts of the first insole that may be lost, by losses of power and crashes. The
-    /// other insole must lose none.
+    /// Largest number of computed steps and load bouts of the first insole that may not arrive: lost by a loss of power, a crash
+    /// or a failure of the flash chip, or still on the insole at the end. Those of the other insole must all arrive.
     #[serde(default)]
     pub lost_at_most: usize,
     /// The reset reasons of all starts of the first insole; by default, it starts only once. The other insole must start only once.
@@ -347,8 +347,8 @@ pub struct Expect {
     /// Number of requests of all hosts that are refused or not answered.
     #[serde(default)]
     pub failed_requests: usize,
-    /// A part of the fault text in the last hello of the first insole: the crash that ended its previous boot or, without one,
-    /// what failed at its start.
+    /// The beginning of the fault text in the last hello of the first insole: the crash that ended its previous boot or, without
+    /// one, what failed at its start.
     pub last_fault: Option<String>,
 }
 
@@ -629,8 +629,8 @@ pub struct InsoleOutcome {
     pub versions: Vec<String>,
 }
 
-/// A record that was computed this long before a loss of power or a crash is stored, us. Most of the time is that until the
-/// supervision detects a stalled task.
+/// A record that was computed this long before a loss of power, a crash or a reset by the supervision is stored, us. The
+/// supervision needs a second of this time to detect that the scan, the processing or the serial link is stalled.
 const STORED_WITHIN_US: u64 = 3_000_000;
 
 /// The outcome of a scenario.
@@ -786,7 +786,7 @@ impl Outcome {
         }
         if let Some(text) = &expect.last_fault {
             let fault = hello.and_then(|hello| hello.fault.as_deref()).unwrap_or("none");
-            compare("last fault", text.clone(), if fault.contains(text) { text.clone() } else { fault.into() });
+            compare("last fault", text.clone(), if fault.starts_with(text) { text.clone() } else { fault.into() });
         }
         if let Some(full_kpa) = expect.contact_full_kpa {
             let found = hello.map(|hello| hello.contact_rule.full_kpa);
@@ -830,8 +830,8 @@ impl Outcome {
     }
 }
 
-/// The part of a step or load bout that a replay of the same frames computes too: all but its number, the boots since then, the
-/// wall-clock time, and the results of the model, which depend on the wearer's parameters.
+/// The part of a step or load bout that the [`Reference`](crate::board::Reference) computes too: all but its number, the boots
+/// since then, the wall-clock time, and the results of the model, which depend on the wearer's parameters.
 fn measured(record: &LoadRecord) -> LoadRecord {
     let step = match record {
         LoadRecord::Bout(bout) => return Bout { number: 0, boots_since: 0, start_unix_us: None, ..*bout }.into(),
@@ -859,7 +859,7 @@ impl InsoleOutcome {
                 return Err(format!("record {later} arrived after record {earlier}"));
             }
         }
-        // Alerts depend on rules that the replay does not know.
+        // Alerts depend on rules that the reference does not know.
         let arrived = self.host.records.iter().filter(|record| !matches!(record, LoadRecord::Alert(_)));
         let mut arrived = arrived.map(measured).peekable();
         let mut lost = 0;

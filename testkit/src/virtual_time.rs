@@ -59,7 +59,7 @@ pub fn clear_timers() {
     TIMERS.replace(Queue::new());
 }
 
-/// Wakes the tasks whose timers are due; returns the time of the next timer, us.
+/// Wakes the tasks whose timers are due; returns the time of the next timer, us, and `u64::MAX` if there is none.
 pub fn wake_due() -> u64 {
     TIMERS.with_borrow_mut(|timers| timers.next_expiration(now_us()))
 }

@@ -140,7 +140,7 @@ impl World {
         }
     }
 
-    /// Runs all tasks until none is ready; returns the time of the next timer, us.
+    /// Runs all tasks until none is ready; returns the time of the next timer, us, and `u64::MAX` if there is none.
     ///
     /// # Panics
     /// If a task never waits, so that virtual time cannot advance.

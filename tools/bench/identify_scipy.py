@@ -26,7 +26,7 @@ BOUNDS = [
     (0.002, 0.08), (0.002, 0.08), (0.002, 0.03), (0.004, 0.025),
     (11.5, 25.3), (0.0, 5.0), (6.9, 23.0), (0.0, 5.0),
 ]
-# A negative (tensile) force F adds this factor times F squared to the residual.
+# The factor P of Eq. 19 (1/N): a negative (tensile) force F counts as F + P F^2 in the residual.
 PENALTY_PER_N = 1.0
 
 
@@ -47,7 +47,7 @@ def force(x, area, later, earlier, per_s):
 
 
 def penalised(force_n):
-    """The forces with the penalty for negative ones (Eq. 19)."""
+    """The forces (N) with the penalty for negative ones (Eq. 19 as printed)."""
     return np.where(force_n < 0.0, force_n + PENALTY_PER_N * force_n**2, force_n)
 
 

@@ -62,16 +62,16 @@ const CODES_PER_LSB: u16 = 4;
 /// The charge of the battery, percent; 0 before the first measurement.
 static BATTERY_PERCENT: AtomicU8 = AtomicU8::new(0);
 
-/// The controller's supply, mV; 0 before the first measurement.
+/// The controller's supply, mV; 0 before the first measurement, and after a measurement that failed.
 static SUPPLY_MV: AtomicU16 = AtomicU16::new(0);
 
-/// The last measured supply of the controller, mV; `None` before the first measurement.
+/// The last measured supply of the controller, mV; `None` before the first measurement, and if the last one failed.
 pub fn supply_mv() -> Option<u16> {
     Some(SUPPLY_MV.load(Ordering::Relaxed)).filter(|&supply_mv| supply_mv > 0)
 }
 
 /// True if the last measured supply is at least [`SUFFICIENT_SUPPLY_MV`], which has a margin above the 2.3 V that the flash chip
-/// needs. The supply is regulated to 3.3 V.
+/// needs; false if [`supply_mv`] is `None`. The supply is regulated to 3.3 V.
 pub fn is_supplied() -> bool {
     supply_mv().is_some_and(|supply_mv| supply_mv >= SUFFICIENT_SUPPLY_MV)
 }

@@ -21,7 +21,7 @@ pub mod stream;
 pub mod vendor;
 pub mod wire;
 
-use ::recording::{MAX_CELLS, Recording, VirtualInsole};
+use ::recording::{MAX_CELLS, MAX_KPA, Recording, VirtualInsole};
 use plantar::insole::Insole;
 use plantar::num::Real;
 use plantar::pipeline::contact::ContactRule;
@@ -65,7 +65,7 @@ pub fn check_recording(recording: &Recording) {
     assert_eq!(recording.pressure_kpa.len(), recording.frames() * recording.cells());
     assert!((1..=MAX_CELLS).contains(&recording.cells()) && recording.frames() > 0);
     assert!(recording.rate_hz > 0.0 && recording.rate_hz.is_finite());
-    assert!(recording.pressure_kpa.iter().all(|&kpa| kpa >= 0.0 && kpa.is_finite()));
+    assert!(recording.pressure_kpa.iter().all(|kpa| (0.0..=MAX_KPA).contains(kpa)));
     assert!(recording.t_s.iter().all(|t_s| t_s.is_finite()));
     let virtual_insole = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());

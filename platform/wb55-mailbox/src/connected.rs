@@ -8,7 +8,7 @@ const HEAD: [u8; 4] = [super::H4_EVENT, 0x3e, 31, 0x0a];
 const STATUS: usize = 4;
 /// Index of the type of the peer's address.
 const PEER_TYPE: usize = 8;
-/// A random address, as private ones are.
+/// The type of a random address; private addresses are random.
 const RANDOM: u8 = 1;
 /// Index of the peer's address.
 const PEER: usize = 9;

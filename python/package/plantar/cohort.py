@@ -286,7 +286,7 @@ def _write(files: Any, path: str, table: pyarrow.Table) -> None:
     folder = path.rsplit("/", 1)[0]
     files.makedirs(folder, exist_ok=True)
     # Two workers may write the same file if one of them was believed to be lost, so each has a temporary file of its own.
-    # Programs that read the table ignore files whose names begin with a dot.
+    # Programs that read the table ignore files with names that begin with a dot.
     temporary = f"{folder}/.{uuid.uuid4().hex}.part"
     try:
         with files.open(temporary, "wb") as file:
@@ -329,7 +329,7 @@ def run(
 ) -> list[Outcome]:
     """Evaluates all participants of a study, and returns their outcomes in the order of their names.
 
-    ``scheduler`` is ``threads``, ``processes``, or the address of a Dask scheduler, whose workers need access to ``study`` and
+    ``scheduler`` is ``threads``, ``processes``, or the address of a Dask scheduler; its workers need access to ``study`` and
     ``out``. ``progress`` receives the number of finished participants and the number of all participants. After an
     interruption, the same call evaluates only the remaining participants. Raises a ``ConnectionError`` if the scheduler cannot
     be reached or is lost, and a ``ValueError`` or an ``OSError``, before anything is changed, for options that are invalid for
@@ -384,7 +384,7 @@ def run(
 
 
 def _without_folder(out: str, names: Sequence[str]) -> list[str]:
-    """The files of the table whose participants have no folder in the study."""
+    """The files of the table of participants without a folder in the study."""
     files, root = fsspec.url_to_fs(_address(out))
     known = [f"{root}/{_core.steps_path(name)}" for name in names]
     file_name = known[0].rsplit("/", 1)[-1]

@@ -32,8 +32,8 @@ class Event:
 class Insole:
     """A connected insole: a context manager, and an iterable and an asynchronous iterable of events.
 
-    A lost link is opened again. The insole deletes a record once the next event is requested, so a record whose processing
-    raised an exception arrives again in the next session.
+    A lost link is opened again. The insole deletes a record once the next event is requested. If the processing of a record
+    raises an exception, the record therefore arrives again in the next session.
     """
 
     def __init__(self, core: _core.Insole) -> None:

@@ -215,7 +215,7 @@ class Replay:
     @property
     def _period_s(self) -> float:
         """The frame period of the insole, s. It is rounded to whole microseconds, so the times of an insole drift from those of
-        a recording whose period is not a whole number of microseconds."""
+        a recording with a period that is not a whole number of microseconds."""
         # Half a microsecond is rounded up, as on the insole; `round` would round it to the even number.
         return math.floor(1e6 / self.recording.rate_hz + 0.5) / 1e6
 

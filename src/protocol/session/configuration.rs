@@ -19,7 +19,7 @@ pub struct ToInsole {
     pub rules: Option<AlertRules>,
     /// Raise no alerts for at least this time, s; 0 ends a snooze and a pause.
     pub snooze_s: Option<u16>,
-    /// The host of the session waits for the load of the day as the answer to such a request.
+    /// The host of the session waits for the load of the day as the answer to its request for a snooze.
     pub is_load_awaited: bool,
     /// Measure the baselines.
     pub zero: bool,

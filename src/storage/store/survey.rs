@@ -116,7 +116,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
                 self.mark_next_record(next).await;
             } else {
                 // The log has the number, so the record is not needed any more. Without it, a log that is damaged from now on
-                // counts as damaged, and not as one whose erasure was interrupted. If the chip refuses to remove the record, the
+                // counts as damaged, and not as the log of an interrupted erasure. If the chip refuses to remove the record, the
                 // next start repeats this.
                 let _ = self.remove([NumberingRecord::KIND, 0, NumberingRecord::VERSION]).await;
             }

@@ -110,8 +110,9 @@ impl ClockMapping {
         Some(device_us.wrapping_sub(offset_us as u64))
     }
 
-    /// True if [`Self::host_us`] of this time is exact enough to compare it with that of another insole: the requests in use began
-    /// at most 100 s after it, and ended at most 100 s before it. The drift of the clock at other times is not known.
+    /// True if [`Self::host_us`] of this time is exact enough to compare it with that of another insole: the requests in use
+    /// began at most 100 s after it, and ended at most 100 s before it. The drift of the clock at other times is not known.
+    /// False before the first answer.
     pub fn is_comparable(&self, device_us: u64) -> bool {
         let (Some(first), Some(last)) = (self.samples.front(), self.samples.back()) else { return false };
         let begin_us = first.device_us.saturating_sub(COMPARABLE_US);

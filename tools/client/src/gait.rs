@@ -110,7 +110,7 @@ fn longest_stride_s(steps: &[Vec<FootStep>; 2]) -> f64 {
 pub struct Stride {
     /// Time of the first heel strike, s.
     pub start_s: f64,
-    /// Time of the heel strike of the other foot within the stride, s; `None` if only one foot is known.
+    /// Time of the heel strike of the other foot within the stride, s; `None` if [`Gait::has_both_feet`] is false.
     pub other_s: Option<f64>,
     /// True if the stride before this one in [`FootGait::strides`] ends at `start_s`.
     pub is_consecutive: bool,
@@ -173,7 +173,8 @@ impl Gait {
         Self { feet, has_both_feet, cadence_per_min, symmetry_percent, walking_s }
     }
 
-    /// Walking speed, m/s.
+    /// Walking speed, m/s. `None` without [`Gait::cadence_per_min`] for [`Length::Stride`], and without [`Gait::walking_s`] for
+    /// [`Length::Walk`].
     pub fn speed_m_s(&self, length: Length) -> Option<f64> {
         match length {
             // A stride has two steps.

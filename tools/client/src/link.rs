@@ -93,7 +93,7 @@ pub enum SessionStart {
     AfterOtherHost,
 }
 
-/// What the insole has done from the start of the last session to that of this one, by its status at both times.
+/// What the insole has done from the start of the previous session to that of this one, by its status at both times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Meanwhile {
     /// It has restarted.
@@ -229,7 +229,7 @@ impl<C: Carrier + 'static> Link<C> {
         }
     }
 
-    /// What the insole has done from the start of the last session to that of this one.
+    /// What the insole has done from the start of the previous session to that of this one.
     pub fn meanwhile(&self) -> Meanwhile {
         self.meanwhile
     }

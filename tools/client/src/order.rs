@@ -5,8 +5,8 @@
 
 use plantar::sequence::is_after;
 
-/// Number of retransmissions without the missing record after which the insole is assumed to have dropped it, if all frames
-/// arrived intact. A cable that was cut for a moment may have lost the record nevertheless, so one retransmission does not
+/// Number of retransmissions without the missing record and without a damaged frame after which the insole is assumed to have
+/// dropped the record. A cable that was cut for a moment may have lost the record nevertheless, so one retransmission does not
 /// suffice.
 const INTACT_RETRANSMISSIONS: u8 = 8;
 /// Number of retransmissions after which the insole is assumed to have dropped the record even if each time a damaged frame
@@ -136,7 +136,7 @@ mod tests {
     use super::{ALL_RETRANSMISSIONS, Arrival, INTACT_RETRANSMISSIONS, RecordOrder};
 
     #[test]
-    fn a_gap_is_retransmitted_once() {
+    fn a_missing_record_is_requested_once() {
         let mut order = RecordOrder::default();
         assert_eq!([7, 8].map(|step| order.arrive(step, 0)), [Arrival::InOrder; 2]);
         assert_eq!(order.arrive(10, 0), Arrival::Gap);

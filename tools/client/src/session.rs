@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
 
-/// An insole answers a request within this time.
+/// Time within which an insole must answer a request that has no longer timeout of its own.
 pub(crate) const ANSWER: Duration = Duration::from_secs(2);
 /// Time between two connect requests while the insole does not answer.
 const CONNECT_INTERVAL: Duration = Duration::from_millis(500);
@@ -126,8 +126,8 @@ impl<C: Carrier> Client<C> {
         &self.hello
     }
 
-    /// Sets the insole's clock, requests its time, and turns the live stream on. Returns the status of the insole after the request.
-    /// [`Client::receive`] returns other messages that arrive meanwhile.
+    /// Sets the insole's clock, requests its time, and turns the live stream on. Returns the status of the insole after the
+    /// request for the stream. [`Client::receive`] returns other messages that arrive meanwhile.
     ///
     /// # Errors
     /// [`Error::LostAnswer`]; [`Error::Refused`]; errors of the carrier.

@@ -217,7 +217,7 @@ fn a_silent_insole_is_first_connected_over_the_same_carrier() {
 }
 
 /// The insole answers and sends no live frame. If its status counts frames, only the stream was off, or the matrix has failed
-/// since the start of the last session.
+/// since the start of the previous session.
 #[test]
 fn a_silence_without_a_measured_frame_is_distinguished_from_a_lost_stream_and_from_a_restart() {
     let insole = Insole::new();

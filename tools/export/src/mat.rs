@@ -17,15 +17,19 @@ const MOST_BYTES: u64 = i32::MAX as u64;
 /// `right` for each foot. Rows are frames or steps, columns are regions or cells; absent values are NaN. Texts are in ASCII.
 ///
 /// # Errors
-/// Fails if the file cannot be written, its path is not UTF-8, or the frames of a foot need more than 15/16 of a variable's
-/// limit, 2 GiB.
+/// Fails if the file cannot be written, its path is not UTF-8, or the frames and steps of a foot need more than 31/32 of a
+/// variable's limit, 2 GiB.
 pub fn write(session: &Session, path: &Path) -> Result<()> {
     for foot in &session.feet {
         // Force and area of each region; total force and the two coordinates of the centre of pressure.
         let frame_bytes = size_of_val(foot.cells_kpa(0)) + size_of::<f64>() * (2 * Region::ALL.len() + 3);
-        // At 100 Hz with 30 cells or more and up to 0.9 steps of the foot in a second, the tables of steps and cells take less
-        // than a sixteenth of the variable.
-        if (session.frames() * frame_bytes) as u64 > MOST_BYTES / 16 * 15 {
+        // Heel strike, toe off, and the columns of the table of steps.
+        let columns = 2 + of_whole_step().count() + StepFoot::QUANTITIES.len();
+        let of_regions = StepRegion::QUANTITIES.len() + Step::FLAGS.len();
+        let step_bytes = size_of::<f64>() * (columns + Region::ALL.len() * of_regions);
+        let bytes = (session.frames() * frame_bytes + foot.steps.len() * step_bytes) as u64;
+        // The names, the cells and the headers of the arrays take less than the rest.
+        if bytes > MOST_BYTES / 32 * 31 {
             let problem = format!("{} frames of {} cells exceed 2 GiB", session.frames(), foot.layout.cells.len());
             return Err(content(
                 &session.files(),

@@ -146,37 +146,38 @@ fn header(bytes: &[u8]) -> Option<Header> {
 /// linker.
 ///
 /// # Errors
-/// [`Error::Read`] and [`Error::NotFirmware`].
+/// [`Error::Read`], [`Error::NotFirmware`] and [`Error::TooLarge`].
 pub fn flash_image(firmware: &Path) -> Result<Vec<u8>, Error> {
     let data = read(firmware)?;
-    loaded_bytes(&data).filter(|bytes| header(bytes).is_some()).ok_or_else(|| Error::NotFirmware(firmware.into()))
+    let not_firmware = || Error::NotFirmware(firmware.into());
+    let segments = loaded_segments(&data).ok_or_else(not_firmware)?;
+    let len = segments.iter().map(|(start, bytes)| start + bytes.len()).max().unwrap_or(0);
+    if len > MAX_IMAGE as usize {
+        return Err(Error::TooLarge(firmware.into(), len));
+    }
+    let mut image = vec![0xff; len.next_multiple_of(CHUNK)];
+    for (start, bytes) in segments {
+        image[start..start + bytes.len()].copy_from_slice(bytes);
+    }
+    if header(&image).is_some() { Ok(image) } else { Err(not_firmware()) }
 }
 
-/// The loaded segments of an ELF file, each at its offset in the image. The address of the flash depends on the controller, so
-/// offsets count from the segment at the lowest address, which begins with the vector table.
-fn loaded_bytes(elf: &[u8]) -> Option<Vec<u8>> {
+/// The loaded segments of an ELF file, each with its offset in the image; `None` if the file is not valid or has none. The address
+/// of the flash depends on the controller, so offsets count from the segment at the lowest address, which begins with the vector
+/// table.
+fn loaded_segments(elf: &[u8]) -> Option<Vec<(usize, &[u8])>> {
     let file = object::read::elf::ElfFile32::<object::Endianness>::parse(elf).ok()?;
     let mut segments = Vec::new();
     for segment in file.segments() {
         let (data, header) = (segment.data().ok()?, segment.elf_program_header());
         // Segments without data only reserve memory.
         if !data.is_empty() {
-            segments.push((header.p_paddr.get(file.endian()), data));
+            segments.push((header.p_paddr.get(file.endian()) as usize, data));
         }
     }
     let image_start = segments.iter().map(|(address, _)| *address).min()?;
-    let mut bytes = Vec::new();
-    for (address, data) in segments {
-        let start = (address - image_start) as usize;
-        let end = start + data.len();
-        if end > MAX_IMAGE as usize {
-            return None;
-        }
-        bytes.resize(bytes.len().max(end), 0xff);
-        bytes[start..end].copy_from_slice(data);
-    }
-    bytes.resize(bytes.len().next_multiple_of(CHUNK), 0xff);
-    Some(bytes)
+    segments.iter_mut().for_each(|(address, _)| *address -= image_start);
+    Some(segments)
 }
 
 /// Reads a secret key from its file.

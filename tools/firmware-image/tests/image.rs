@@ -57,6 +57,25 @@ fn an_image_is_accepted_up_to_the_space_for_it() {
 }
 
 #[test]
+fn firmware_that_is_too_large_is_named_as_such() {
+    let len = MAX_IMAGE + 1;
+    // An ELF file for Arm with one program header, at 52, of a segment at 84 that is loaded to 0x0800_0000.
+    let mut elf = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0\x02\0\x28\0".to_vec();
+    for word in [1, 0, 52, 0, 0, 32 << 16 | 52, 40 << 16 | 1, 0] {
+        elf.extend(u32::to_le_bytes(word));
+    }
+    for word in [1, 84, 0x0800_0000, 0x0800_0000, len, len, 5, 4] {
+        elf.extend(u32::to_le_bytes(word));
+    }
+    elf.resize(84 + len as usize, 0);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("firmware");
+    std::fs::write(&path, elf).expect("written");
+    let error = flash_image(&path).expect_err("it is too large").to_string();
+    assert!(error.contains(&format!("{len} bytes")) && error.contains("smaller firmware"), "{error}");
+}
+
+#[test]
 fn errors_for_invalid_firmware_and_key_files_name_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("firmware");

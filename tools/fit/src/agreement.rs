@@ -99,7 +99,7 @@ pub fn repeatability(people: &[(&str, &[Trial])], least_people: usize) -> (Vec<F
     for side in [Side::Left, Side::Right] {
         let mut repeated: Vec<(&str, Vec<&Trial>)> = Vec::new();
         for (name, trials) in people {
-            // A trial in which no region could be fitted would exclude the person's other trials of all regions.
+            // A trial in which no region could be fitted would exclude the person from the comparison of every region.
             let is_usable = |trial: &&Trial| trial.side == side && trial.regions.iter().any(Option::is_some);
             let of_foot: Vec<&Trial> = trials.iter().filter(is_usable).collect();
             match of_foot.len() {

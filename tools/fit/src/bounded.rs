@@ -29,8 +29,8 @@ pub(crate) struct Minimum {
 /// bound are held there, and held parameters may be released. Two or three rounds usually suffice.
 const ROUNDS: usize = 8;
 
-/// Searches from `x` until a step changes the parameters or the sum of squares by less than the relative `tolerance`. `least` and
-/// `most` are the bounds of the parameters. The result is deterministic.
+/// Searches from `x` until an iteration changes the parameters or the sum of squares by less than the relative `tolerance`.
+/// `least` and `most` are the bounds of the parameters. The result is deterministic.
 pub(crate) fn minimise(
     problem: &mut impl Residuals,
     x: &[f64],

@@ -67,7 +67,7 @@ impl<'p> SizeGroup<'p> {
         }
     }
 
-    /// Mean and standard deviation of a value of the settings over the people of whom it is known.
+    /// Mean and standard deviation of a value of the settings over the people of whom it is known; `None` if there are none.
     pub fn of_settings(&self, value: impl Fn(&Participant) -> Option<f64>) -> Option<Moments> {
         Moments::of(self.people.iter().filter_map(|person| value(&person.settings)))
     }

@@ -3,8 +3,8 @@
 //! The parameters are those of [`ForceLaw`]. For a given shape (the exponents n and m, and `max_ratio`, the largest area divided
 //! by pi A B) the force is linear in K and G, and the best values of K and G within bounds follow from a 2 x 2 system. The
 //! identification has three stages. The first evaluates a grid over the shape. The second searches over the shape, from the best
-//! points of the grid. The third searches over all five parameters, and omits tensile force as the device does. The result is
-//! deterministic.
+//! points of the grid. The third searches over all five parameters, and sets tensile force to 0 as the device does. The result
+//! is deterministic.
 
 use crate::bounded::{self, Residuals};
 use crate::law::{Column, Deformation, Shape};

@@ -126,7 +126,7 @@ fn new_rejection(before: &Rejected, now: &Rejected) -> Option<ExclusionReason> {
 /// The frames of the current contact.
 #[derive(Default)]
 struct Contact {
-    /// Time of the first frame in the recording, s.
+    /// Time of the first frame of the contact, s, on the clock of the recording.
     start_s: f64,
     frames: Vec<FrameLoads>,
     /// True if the insole rejected the contact, which was then excluded.

@@ -124,8 +124,8 @@ impl Options {
 }
 
 /// Recordings are assumed to be of several people if [`RegionFit::recordings_ratio`] exceeds this value in at least
-/// [`MIXED_REGIONS`] regions. Among the ten walkers of the data set SpeedPP2DS, this recognises two thirds of the pairs of
-/// walkers. The two halves of the steps of one walker are never taken for recordings of two people.
+/// [`MIXED_REGIONS`] regions. Among the ten walkers of the data set SpeedPP2DS, with two recordings of ten steps each, this
+/// recognises two thirds of the pairs of walkers. The two recordings of one walker are never taken for those of two people.
 const MIXED_RATIO: f64 = 1.8;
 /// Smallest number of regions with a ratio above [`MIXED_RATIO`].
 const MIXED_REGIONS: usize = 2;

@@ -51,8 +51,8 @@ pub struct LiveSteps {
     side: Option<Side>,
     /// See [`LiveSteps::masked_steps`].
     masked_steps: [usize; 8],
-    /// Number of steps of this stream, and the number of these steps in which the small toes carry more than the hallux and
-    /// more than [`MIN_FORCE_N`].
+    /// Number of steps of this stream, and the number of these steps in which the peak force of toes 3-5 is larger than that of
+    /// the hallux and than [`MIN_FORCE_N`].
     toes: [usize; 2],
     /// The steps with complete curves, including partially loaded ones.
     steps: Vec<Step>,
@@ -73,8 +73,9 @@ impl LiveSteps {
         Self::default()
     }
 
-    /// To be called for each hello. If the insole has restarted before it, the records of the new boot arrive before the first
-    /// live frame, and must not be combined with frames of the former boot that have the same times.
+    /// To be called for each [`Hello`](plantar::protocol::Hello), the first message of a session. If the insole has restarted
+    /// before it, the records of the new boot arrive before the first live frame, and must not be combined with frames of the
+    /// former boot that have the same times.
     pub fn session_started(&mut self) {
         if !self.frames.is_empty() {
             self.since_hello.get_or_insert_default();
@@ -135,9 +136,9 @@ impl LiveSteps {
             self.contact_rules.push(step.contact_rule);
         }
         let peak_n = |region: Region| step.regions[region as usize].measured_force_peak_n();
-        let small_toes_n = peak_n(Region::Toes35);
+        let toes_35_n = peak_n(Region::Toes35);
         self.toes[0] += 1;
-        self.toes[1] += usize::from(small_toes_n > MIN_FORCE_N && small_toes_n > peak_n(Region::Hallux));
+        self.toes[1] += usize::from(toes_35_n > MIN_FORCE_N && toes_35_n > peak_n(Region::Hallux));
         self.pending.push(*step);
         self.evaluate_pending(self.frames.back().map(|last| last.t_us));
     }
@@ -197,9 +198,9 @@ impl LiveSteps {
         self.period_us.map_or(0.0, |period_us| 1e6 / period_us as f64)
     }
 
-    /// True if the insole seems to lie under the other foot: in at least four fifths of at least five steps, the region of the
-    /// small toes carries more than that of the hallux. This is so in none of 120 steps of ten barefoot walkers (data set
-    /// SpeedPP2DS).
+    /// True if the insole seems to lie under the other foot: in at least four fifths of at least five steps, the peak force of
+    /// toes 3-5 is larger than that of the hallux and than [`MIN_FORCE_N`]. This is so in none of 120 steps of ten barefoot
+    /// walkers (data set SpeedPP2DS).
     pub fn looks_mirrored(&self) -> bool {
         let [steps, mirrored] = self.toes;
         steps >= MIRRORED_STEPS && mirrored as f64 >= MIRRORED_SHARE * steps as f64

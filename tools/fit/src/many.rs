@@ -24,8 +24,8 @@ struct Sums {
     curvature: Matrix5<f64>,
 }
 
-/// The fit to all steps, from which the fit to other multiples of the steps follows by one step of the Gauss-Newton method. Its
-/// error is of second order in the difference between the two fits, which is small if there are many steps.
+/// The fit to all steps, from which a fit to resampled steps follows by one iteration of the Gauss-Newton method. The error of
+/// the latter is of second order in the difference between the two fits, which is small if there are many steps.
 pub(crate) struct Linearised {
     at: Coordinates,
     prior: Sums,

@@ -31,8 +31,8 @@ pub struct Prior {
 }
 
 /// A parameter at a bound has no finite coordinate. A search therefore starts from coordinates of `max_ratio`, n and m of at
-/// most this absolute value, where the force still depends on them. The start of ln(G / K) is at least minus this
-/// value, a relaxation time of 2.5 ms.
+/// most this absolute value, where the force still depends on them. The start of ln(G / K) is at least minus this value, which
+/// is a G / K of 2.5 ms.
 const INSIDE: f64 = 6.0;
 /// Smallest logit of `max_ratio`: that of a `max_ratio` of 0.12, which is also the lower bound of the least-squares fit.
 /// With a smaller `max_ratio`, the force law is nearly a power of the area, and for steps without noise the product A B and the
@@ -285,7 +285,7 @@ impl LeastSquaresProblem<f64, Dyn, U5> for Posterior<'_> {
 const ROUNDS: usize = 8;
 
 /// The distribution of the shape among people, in the order of [`plantar::Region::ALL`]. `people` contains the steps of each
-/// person. A region that fewer than three people load has the distribution [`Prior::BROAD`].
+/// person. A region to which the steps of fewer than three people can be fitted has the distribution [`Prior::BROAD`].
 ///
 /// The fits of the people and the distribution, which is the prior of the fits, are computed in turn: the EM algorithm of a
 /// normal hierarchical model, in Laplace's approximation.

@@ -46,9 +46,9 @@ impl Measured {
     /// Nothing was measured.
     pub const NONE: Self = Self { has_thickness: false, peak_strain: None, curvature_m: [None; 2] };
 
-    /// The scale from the measurements; `None` if there are none. With a measured thickness, a peak strain takes precedence over a
-    /// consistent curvature, because it is the deformation itself; with a typical one, a curvature does, because it does not
-    /// depend on the thickness. `aspect` is A divided by B.
+    /// The scale from the measurements; `None` if there are none. With a measured thickness, a peak strain takes precedence over
+    /// a consistent curvature, because it is the deformation itself; with a typical thickness, a curvature does, because it does
+    /// not depend on the thickness. `aspect` is A divided by B.
     pub(crate) fn scale(&self, aspect: f64) -> Option<Scale> {
         let curvature = match self.curvature_m {
             [Some(medial_lateral_m), Some(heel_toe_m)] => Some((medial_lateral_m * heel_toe_m).sqrt()),

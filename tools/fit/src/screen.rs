@@ -38,7 +38,8 @@ pub enum NotFitted {
     ConstantForce,
     /// The area is at its maximum for this fraction of the contact time.
     SaturatedArea(f64),
-    /// The parameters are outside of the range that an insole accepts: see [`plantar::pipeline::model::ForceLaw::is_valid`].
+    /// The force law ([`plantar::pipeline::model::ForceLaw::is_valid`]) or a length of the ellipsoid is outside of the range that
+    /// an insole accepts.
     OutOfRange,
     /// The recordings disagree, probably because they are of several people. The value is the
     /// [`recordings_ratio`](crate::RegionFit::recordings_ratio).
@@ -116,8 +117,8 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
             Err(reason) => reasons.push(reason),
         }
     }
-    // A step ranks higher if it failed a later check; a clipped step ranks highest. For equal reasons, the step that came closer
-    // to passing the check ranks higher.
+    // A step ranks higher if it failed a later check, but a step with a saturated cell, or of a region with a single cell, ranks
+    // highest. For equal reasons, the step that came closer to passing the check ranks higher.
     let rank = |reason: &NotFitted| match reason {
         NotFitted::NeverLoaded => (0, 0.0),
         NotFitted::ZeroForce => (1, 0.0),

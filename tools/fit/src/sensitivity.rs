@@ -49,6 +49,11 @@ impl Choice {
             _ => None,
         }
     }
+
+    /// True unless this is a contact rule that is not valid.
+    fn is_valid(&self) -> bool {
+        self.contact().is_none_or(|rule| rule.is_valid())
+    }
 }
 
 impl fmt::Display for Choice {
@@ -65,7 +70,7 @@ impl fmt::Display for Choice {
     }
 }
 
-/// The main results of a region.
+/// The main results of a region; `None` for one that the region does not have.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MainResults {
     /// Elastic force at the reference area, N.
@@ -116,24 +121,26 @@ pub struct Sensitivity {
 /// Extracts the steps with another contact rule.
 pub type StepsBy<'s> = &'s (dyn Fn(&ContactRule) -> Result<Vec<Step>, String> + Sync);
 
-/// The choices that differ from those of the study. Without the cells, the contact rule cannot be varied.
+/// The choices that differ from those of the study; none with the method of the paper. Contact rules that are not valid are
+/// omitted ([`Sensitivity::skipped`] names them), and without the cells, the contact rule cannot be varied.
 pub fn choices(study: &Study, has_cells: bool) -> Vec<Choice> {
     if study.options.method != Method::Projection {
         return Vec::new();
     }
-    let rule = study.contact;
-    let thresholds =
-        THRESHOLDS_KPA.map(|on_kpa| ContactRule { on_kpa, off_kpa: rule.off_kpa / rule.on_kpa * on_kpa, ..rule });
-    let scales = AREA_SCALES_KPA.map(|full_kpa| ContactRule { full_kpa, ..rule });
-    // Only the varied values are compared, because rounding can change the release threshold.
-    let is_other = |other: &ContactRule| {
-        other.is_valid() && (other.on_kpa, other.full_kpa) != (rule.on_kpa, rule.full_kpa) && has_cells
-    };
+    let contacts = contacts(study.contact).filter(|choice| has_cells && choice.is_valid());
     let filters = [Filter::Direct, Filter::Live, Filter::Smoothed].into_iter().filter(|f| *f != study.options.filter);
     let groups = if study.steps.len() < LEAST_STEPS { 0 } else { GROUPS };
-    let thresholds = thresholds.into_iter().filter(is_other).map(Choice::Threshold);
-    let scales = scales.into_iter().filter(is_other).map(Choice::AreaScale);
-    thresholds.chain(scales).chain(filters.map(Choice::Filter)).chain((0..groups).map(Choice::LeftOut)).collect()
+    contacts.chain(filters.map(Choice::Filter)).chain((0..groups).map(Choice::LeftOut)).collect()
+}
+
+/// The contact rules that differ from `rule`, valid or not.
+fn contacts(rule: ContactRule) -> impl Iterator<Item = Choice> {
+    let threshold = move |on_kpa| ContactRule { on_kpa, off_kpa: rule.off_kpa / rule.on_kpa * on_kpa, ..rule };
+    let scale = move |full_kpa| ContactRule { full_kpa, ..rule };
+    // Only the varied values are compared, because rounding can change the release threshold.
+    let is_other = move |other: &ContactRule| (other.on_kpa, other.full_kpa) != (rule.on_kpa, rule.full_kpa);
+    let thresholds = THRESHOLDS_KPA.into_iter().map(threshold).filter(is_other).map(Choice::Threshold);
+    thresholds.chain(AREA_SCALES_KPA.into_iter().map(scale).filter(is_other).map(Choice::AreaScale))
 }
 
 /// NRMSE, as a fraction, of steps that are predicted from the other steps, for each region in the order of
@@ -157,6 +164,12 @@ impl Sensitivity {
         }
         if study.steps.len() < LEAST_STEPS {
             skipped.push(format!("No steps were left out, because this requires at least {LEAST_STEPS} steps."));
+        }
+        for choice in contacts(study.contact).filter(|choice| steps_by.is_some() && !choice.is_valid()) {
+            skipped.push(format!(
+                "The fit with {choice} was not possible: contact cannot begin above the pressure from which a cell \
+                 counts with its whole area."
+            ));
         }
         let choices = choices(study, steps_by.is_some());
         let steps = parallel::map(choices.len(), |i| match (choices[i], choices[i].contact(), steps_by) {

@@ -177,7 +177,7 @@ pub enum ExclusionReason {
     NoHeelStrike,
     /// The foot is on the ground in the last frame, so the toe off is missing.
     NoToeOff,
-    /// Shorter than a step.
+    /// Shorter than a step, or a scuff: see [`plantar::pipeline::stance_rule::Rejected::short`].
     Short,
     /// Longer than a step, because the person stands.
     Long,

@@ -157,8 +157,8 @@ fn recordings_of_two_walkers_are_rejected_and_those_of_one_walker_are_not() {
     let mixed = study(&[one.clone(), other], ContactRule::COUNTED);
     let mixed_regions = mixed.fits.iter().filter(|f| matches!(f, Err(NotFitted::MixedPeople(_)))).count();
     assert!((2..8).contains(&mixed_regions), "{mixed_regions}");
-    let halves = study(&[one, more], ContactRule::COUNTED);
-    assert!(halves.fits.iter().all(|f| !matches!(f, Err(NotFitted::MixedPeople(_)))));
+    let same_walker = study(&[one, more], ContactRule::COUNTED);
+    assert!(same_walker.fits.iter().all(|f| !matches!(f, Err(NotFitted::MixedPeople(_)))));
 }
 
 /// Tests with recordings of people, which are not public.

@@ -78,6 +78,13 @@ fn choices_that_cannot_be_varied_are_reported() {
         refused.skipped
     );
 
+    let mut low_scale = study(6);
+    low_scale.contact = ContactRule { full_kpa: 15.0, ..low_scale.contact };
+    let steps_by = |_: &ContactRule| Ok(low_scale.steps.clone());
+    let low_scale = Sensitivity::of(&low_scale, Some(&steps_by), &|| ());
+    let expected = "The fit with contact from 20 kPa was not possible: contact cannot begin above";
+    assert!(low_scale.skipped.len() == 2 && low_scale.skipped[1].starts_with(expected), "{:?}", low_scale.skipped);
+
     let mut paper = study(6);
     paper.options.method = Method::Paper;
     let paper = Sensitivity::of(&paper, None, &|| ());

@@ -262,12 +262,12 @@ fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64
         (
             "crosstalk_row_all_adg706_percent",
             MULTIPLEXER_TYPICAL_OHM,
-            "15 neighbours at full load in the row with an ADG706, typical, %",
+            "15 neighbours at full load in the row with an ADG706, typical resistance, % of the cell's reading",
         ),
         (
             "crosstalk_row_all_adg706_max_percent",
             MULTIPLEXER_ON_OHM,
-            "15 neighbours at full load in the row with an ADG706, largest resistance, %",
+            "15 neighbours at full load in the row with an ADG706, largest resistance, % of the cell's reading",
         ),
     ] {
         figures.add(key, row_crosstalk(board, figure.value)?, meaning);
@@ -301,7 +301,7 @@ fn simulate_stability(board: &Netlist, figures: &mut Figures) -> Result<Vec<Loop
     figures.add(
         "phase_margin_pessimistic_deg",
         smallest_deg("pessimistic"),
-        "a column amplifier with an output impedance of 600 ohm, degrees",
+        "phase margin of a column amplifier with an output impedance of 600 ohm, degrees",
     );
     Ok(loops)
 }

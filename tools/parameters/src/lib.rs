@@ -288,7 +288,8 @@ impl Parameters {
         };
         if identified.as_ref().is_some_and(|identified| !is_known(identified)) {
             return Err(form(
-                "[identified] expected a filter of \"direct\", \"live\" or \"smoothed\", and a side of \"left\", \"right\" or \"both\""
+                "[identified] expected a filter of \"direct\", \"live\" or \"smoothed\", and a side of \"left\", \"right\" or \
+                 \"both\""
                     .into(),
             ));
         }

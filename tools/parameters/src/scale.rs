@@ -4,8 +4,8 @@ use plantar::Region;
 use std::fmt;
 
 /// The source of C, the scale of the deformation of a region. The largest deformation is the product of the thickness of the
-/// tissue and of its largest compression. C follows from measurements alone if both were measured, or if a curvature of the
-/// sole was measured, which determines C without them (docs/identification.md).
+/// tissue and of its largest compression (the peak strain). C follows from measurements alone if both were measured, or if a
+/// curvature of the sole was measured, which determines C without them (docs/identification.md).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeformationScale {
     /// Measurements.

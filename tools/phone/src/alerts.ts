@@ -1,4 +1,7 @@
-/** Alerts of the insoles: the request to unload a region, and the load of the day. */
+/**
+ * Alerts of the insoles: the request to unload a region, and the load of the day. A pause is a time without alerts: that after
+ * each alert, or one that the wearer requests, which the protocol calls a snooze.
+ */
 
 import { store, stored } from "./browser_storage";
 import { PhoneCues } from "./cues";
@@ -85,7 +88,7 @@ export class Alerts {
   private refusal = "";
   /** The ends of the pauses that the insole of the foot has not confirmed yet, as times of `Date.now()`. */
   private readonly pauses = new Map<Side, number>();
-  /** The load of the day that a session had when it was last sent a pause. The next one may confirm it. */
+  /** For each session, its load of the day when a pause was last sent to the insole. The next load may confirm the pause. */
   private readonly known_at_pause = new WeakMap<Session, DailyLoad | undefined>();
   /** The last start of the day, minutes from midnight UTC, that {@link followTimeZone} sent after a hello. */
   private readonly asked_day_start = new WeakMap<Hello, number>();
@@ -279,7 +282,7 @@ export class Alerts {
     }
   }
 
-  /** The feet without alerts, and the time until one of them can have an alert, as sentences; `undefined` without a pause. */
+  /** The feet with paused alerts, and the time until the first pause ends, as sentences; `undefined` without a pause. */
   pauseText(): { feet: string; rest: string } | undefined {
     const rest_s = (side: Side) => {
       const reported_s = this.present(side)?.snoozed_s ?? 0;

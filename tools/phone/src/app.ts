@@ -254,8 +254,8 @@ export class App {
   };
 
   /**
-   * Tries to store the records that could not be stored, and acknowledges them. An insole whose memory is full of unacknowledged
-   * records sends no further ones, so the next record cannot be awaited.
+   * Tries to store the records that could not be stored, and acknowledges them. Once an insole has sent the few unacknowledged
+   * records that it holds in RAM, it sends no further ones, so the next record cannot be awaited.
    */
   private retryStoring(now_ms: number): void {
     if (now_ms - this.store_retried_ms < STORE_RETRY_MS) return;

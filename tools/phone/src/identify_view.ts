@@ -250,8 +250,8 @@ function result(session: IdentifySession, is_replay: boolean): Node[] {
     ...session.problems().map(note),
     ...session.feet.flatMap((foot) => (foot.result ? resultTable(foot, foot.result) : [])),
     soft(
-      "In small print: the 95 % interval of the stiffness, from the scatter of the forces about the model and of the stiffness " +
-        "among people.",
+      "In small print: the 95 % interval of the stiffness, from the scatter of the forces about the model and of the other " +
+        "parameters among people.",
     ),
     ...session.comments().map(remark),
     ...exports(session),

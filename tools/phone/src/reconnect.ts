@@ -2,7 +2,10 @@
 
 /** Time after a link broke, or after an attempt failed, before the next attempt to open the link. */
 export const RETRY_MS = 1000;
-/** Longest time without a message. After this time the connection counts as lost. */
+/**
+ * Longest time without a message. After this time the connection counts as lost, if several requests were not answered in it
+ * (`UNANSWERED_REQUESTS` in session.ts).
+ */
 export const TIMEOUT_MS = 2000;
 /** Time between two connect requests. The insole answers a connect request with a hello. */
 export const CONNECT_REQUEST_MS = 500;

@@ -113,8 +113,8 @@ export class StepStore {
   private storing = Promise.resolve();
 
   /**
-   * `most_repeated` is the largest number of last records of a foot that can arrive again. The default is twice the number that
-   * an insole sends again, which is at most the number of records in its queue.
+   * `most_repeated` is the largest number of last records of a foot that can arrive again. By default, these are the records that
+   * an insole holds in RAM, and the same number of earlier ones, because a restart of the insole can lose their acknowledgements.
    */
   constructor(
     private readonly wire: Wire,

@@ -13,10 +13,10 @@ export const LATEST_STEPS = 100;
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
 /**
- * The steps of a foot whose times can be compared, as in `plantar gait`: those with a time on the clock of the browser, or if
- * none has one, those of the newest boot of the insole, because its clock begins with each boot.
+ * The steps of a foot with times on one clock, as in `plantar gait`: those with a time on the clock of the browser, or if none
+ * has one, those of the newest boot of the insole, because its clock begins with each boot.
  */
-function comparable(steps: readonly StoredStep[]): StoredStep[] {
+function onOneClock(steps: readonly StoredStep[]): StoredStep[] {
   const timed = steps.filter(({ start_unix_s }) => start_unix_s !== null);
   if (timed.length > 0) return timed;
   const newest = Math.min(...steps.map(({ step }) => step.starts_ago));
@@ -25,12 +25,12 @@ function comparable(steps: readonly StoredStep[]): StoredStep[] {
 
 /**
  * The measures of both feet. Steps of a foot that cannot be compared in time with its other ones are not used. The feet are
- * compared if the time of the newest step of each foot is exact, and those of enough others ({@link Wire.areFeetComparable}); then
- * only steps with exact times are used. If the steps of one foot are all earlier than those of the other one, only the foot that
- * walked last is measured.
+ * compared if the time of the newest step of each foot is exact, and those of enough others ({@link Wire.areFeetComparable});
+ * then only steps with exact times are used. If the steps of one foot are all earlier than those of the other one, only the foot
+ * that walked last is measured.
  */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
-  const latest = SIDES.map((side) => comparable(stepsOf(steps, side)).slice(-LATEST_STEPS));
+  const latest = SIDES.map((side) => onOneClock(stepsOf(steps, side)).slice(-LATEST_STEPS));
   const exact = latest.map((steps) => steps.filter(({ is_comparable }) => is_comparable));
   const has_common_clock = latest.every(
     (steps, i) => steps.at(-1)?.is_comparable && wire.areFeetComparable(exact[i]!.length, steps.length),

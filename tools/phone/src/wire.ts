@@ -88,7 +88,10 @@ export class LiveCounter {
     this.core.counter_clear(this.index);
   }
 
-  /** To be called when a session begins, because its sequence numbers start at 0. */
+  /**
+   * To be called when a session begins. The gap between its first sequence number and the last one of the session before is no
+   * loss, and the insole counts the frames that are due from 0 again.
+   */
   newSession(): void {
     this.core.counter_new_session(this.index);
   }

@@ -27,7 +27,7 @@ class FakeLocks {
   };
 }
 
-/** The stored messages of a session that the browser stores. */
+/** The messages of a guided session that the browser stores. */
 let stored: Uint8Array<ArrayBuffer>[];
 
 beforeEach(() => {

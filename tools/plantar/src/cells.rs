@@ -17,7 +17,7 @@ pub struct CellRecorder {
     /// Number of the next part of this recording.
     part: usize,
     session: Session,
-    /// Number of frames in all parts that were written.
+    /// Number of frames in all parts that were written, interpolated ones included.
     written: usize,
     /// Number of frames that were lost on the way in earlier sessions.
     lost: u64,

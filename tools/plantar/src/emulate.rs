@@ -42,7 +42,7 @@ pub struct Emulate {
     /// Inject an electrical fault of the sensor, KIND:PLACE[=VALUE][@SECONDS]. It begins SECONDS after the start of the walk, or
     /// at once. Repeat the option for several faults. Examples of all kinds: open-cell:17 (no contact); open-row:3,
     /// open-column:5 (an interrupted line); short-cell:17, short-row:3, short-column:5 (full scale); stuck:17=12000 (always this
-    /// code); saturate:17 (full scale already under a small load); drift:17=50/s (the baseline changes by this number of codes
+    /// code); saturate:17 (full scale already under a small load); drift:17=50/s (the code of the cell changes by this number
     /// per second); crosstalk:3=0.1 (each cell of row 3 also reads this fraction of the load of the row's most loaded other
     /// cell). PLACE is the number of a cell, row or column, from 0. The virtual insole numbers its cells by region; each row of
     /// its matrix has 16 cells.

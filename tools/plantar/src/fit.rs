@@ -391,8 +391,8 @@ impl Fit {
     }
 }
 
-/// Refuses a live stream and a recording of the cells of the same walk, as in the folder of `plantar identify`: each step would then
-/// be predicted from its copy. Both have the times of the insole's clock.
+/// Refuses a live stream and a recording of the cells of the same walk, as in the folder of `plantar identify`: each step would
+/// then be predicted from its copy. Both have the times of the insole's clock.
 fn check_distinct_walks(study: &Study) -> Result<()> {
     let is_live = |source: usize| study.sources[source].layout.cells.is_empty();
     let us = |s: f64| (s * 1e6).round() as i64;

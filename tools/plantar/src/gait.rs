@@ -67,6 +67,7 @@ struct Walk {
 /// The time of a heel strike on a common clock.
 #[derive(Clone, Copy)]
 struct Start {
+    /// On the clock of the host, us since 1970, or on that of the time column of a recording, us.
     us: u64,
     /// True if the time is exact enough to compare the feet.
     is_exact: bool,
@@ -153,9 +154,9 @@ impl GaitCommand {
         let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));
         if has_steps(&steps, Side::Left) && has_steps(&steps, Side::Right) && !has_common_clock {
             eprintln!(
-                "note: the feet are not compared, because too few steps of each foot have an exact time on a common \
-                 clock. Steps that an insole stored without a host, and recordings of all cells, have no such time. \
-                 Record both feet during the walk with `plantar serve --record`, `plantar record` or the page"
+                "note: the feet are not compared, because too few steps of at least one foot have an exact time on a common \
+                 clock. Steps that an insole stored without a host, and recordings of the cells of insoles, have no such \
+                 time. Record both feet during the walk with `plantar serve --record`, `plantar record` or the page"
             );
         }
         print(&gait, length);

@@ -76,7 +76,8 @@ const STANDING: [(&str, u64); 3] = [
     ("Stand up and stand still", 12),
     ("Sit down and lift both feet again", 6),
 ];
-/// Largest factor by which forces are scaled to the body weight; a larger one indicates a wrong calibration or mass.
+/// Largest factor by which forces are scaled to the body weight; its reciprocal is the smallest one. A factor beyond these limits
+/// indicates a wrong calibration or mass.
 const MAX_FORCE_SCALE: f64 = 2.0;
 /// A region is verified if the model's error is at most this multiple of the predicted error plus [`TOLERANCE_PERCENT`].
 const TOLERANCE_FACTOR: f64 = 1.3;
@@ -150,8 +151,8 @@ impl Identify {
         Ok(feet)
     }
 
-    /// Performs the standing trial, and repeats it until it succeeds. If all feet have a calibration from an earlier one, sends
-    /// these instead.
+    /// Performs the standing trial, and repeats it until it succeeds. If the folder has calibrations of all feet from an earlier
+    /// trial, sends these instead.
     fn stand(&self, feet: &mut [Foot]) -> Result<()> {
         let earlier = feet.iter().map(|foot| earlier_calibration(&foot.calibration_file()));
         if let Some(calibrations) = earlier.collect::<Result<Option<Vec<_>>>>()? {

@@ -16,7 +16,7 @@ pub enum Import {
     ///
     /// The files are of one measurement: one file with both feet, or a file for each foot. Both feet are written to
     /// NAME.left.parquet and NAME.right.parquet for --out NAME.parquet, with times on one clock; two files are taken to begin at
-    /// the same moment.
+    /// the same moment, except those of Tekscan, in which the frames of both feet are numbered from a common start.
     Auto {
         /// The exported files.
         #[arg(required = true)]

@@ -118,11 +118,15 @@ pub fn send(insole: &mut InsoleLink, parameters: &Parameters) -> Result<()> {
 
 /// Sets the contact rule of an insole and restarts the insole, unless the rule is in force already.
 pub fn set_rule(insole: &mut InsoleLink, contact: ContactRule) -> Result<()> {
+    if !settings::are_used(insole.client())? {
+        // The restart after an earlier change has failed.
+        restart(insole)?;
+    }
     let client = insole.client();
     if client.hello().contact_rule == contact {
         return Ok(());
     }
-    let settings = Settings { contact, ..settings::in_force(client)?.context(settings::NO_LAYOUT)? };
+    let settings = Settings { contact, ..settings::stored_or_in_use(client)?.context(settings::NO_LAYOUT)? };
     client.set_settings(Some(settings))?;
     restart(insole)?;
     let in_force = insole.client().hello().contact_rule;
@@ -248,7 +252,7 @@ fn show_file(parameters: &Parameters) {
     show(&parameters.tissue());
 }
 
-/// The names of identified regions, or that they are all, or not known, as after an update of older firmware.
+/// The names of regions, or that they are all, or not known, as after an update of older firmware.
 fn names(regions: &[Region]) -> String {
     match regions.len() {
         0 => "regions not known".into(),

@@ -113,7 +113,7 @@ impl Replay {
         let has_starts = [&self.json, &self.bouts, &self.load].into_iter().any(Option::is_some);
         // The times of the last frames, for the starts of the steps in the table.
         let (mut recent_s, longest_frames) = (VecDeque::new(), virtual_insole.longest_step_frames());
-        // The time of the heel strike of a step, if this is the last frame so far.
+        // The time of the heel strike of a step, s, if the last frame so far has the index `last`.
         let heel_strike_s = |recent_s: &VecDeque<f64>, last: usize, step: &Step| {
             let frames_ago = last.saturating_sub(virtual_insole.frame_at(step.start_us));
             let index = (recent_s.len() - 1).checked_sub(frames_ago);

@@ -31,10 +31,11 @@ pub struct Serve {
     /// The firmware file of the emulated board, from `cargo xtask build`.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
-    /// Write the hellos, live frames, steps, load bouts, alerts, counters and clock times of the insoles to this file, which must
-    /// be new or empty. Other messages, such as contact ellipses, are not written; docs/live.md lists them. An insole deletes a
-    /// step once the step is written to this file or, without this option, once a page has stored it. To play the file later,
-    /// open the page with ?replay=URL, where URL is the address at which a web server offers the file.
+    /// Write the hello messages (foot, board, firmware), live frames, steps, load bouts, alerts, counters and clock times of the
+    /// insoles to this file, which must be new or empty. Other messages, such as contact ellipses, are not written; docs/live.md
+    /// lists both. An insole deletes a step once the step is written to this file or, without this option, once a page has
+    /// stored it. To play the file later, open the page with ?replay=URL, where URL is the address at which a web server offers
+    /// the file.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Publish frames, steps, load bouts, alerts and events of each foot over the Lab Streaming Layer, to all computers in the

@@ -66,7 +66,8 @@ impl WearerArgs {
         Ok(parameters)
     }
 
-    /// Returns the parameters, for outputs that contain nothing of the model.
+    /// Returns the parameters without the note of [`Self::parameters`], which is superfluous for outputs without results of the
+    /// model.
     pub fn parameters_without_note(&self) -> Result<Parameters> {
         Ok(match &self.params {
             Some(path) => Parameters::read(path)?,

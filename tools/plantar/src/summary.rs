@@ -55,7 +55,17 @@ pub fn print(steps: &[Step], starts_s: &[f64], scales: &[DeformationScale; 8]) {
         println!("* The contact exceeded the ellipsoid of the model: the model force is a lower bound.");
     }
 
-    let (area, deformation) = (recording::area_title(&first.contact_rule), deformation_title(scales));
+    // An insole also sends stored steps from before a change of its contact rule.
+    let mut rules = vec![first.contact_rule];
+    for step in steps {
+        if !rules.contains(&step.contact_rule) {
+            rules.push(step.contact_rule);
+        }
+    }
+    let area = recording::area_title(&first.contact_rule);
+    let is_one_area = rules.iter().all(|rule| recording::area_title(rule) == area);
+    let area = if is_one_area { area } else { "area (see below)" };
+    let deformation = deformation_title(scales);
     let mut table = self::table();
     table.set_header([
         "region",
@@ -104,7 +114,8 @@ pub fn print(steps: &[Step], starts_s: &[f64], scales: &[DeformationScale; 8]) {
             AssumedShare(scales)
         );
     }
-    println!("Contact: {}.", rule_in_words(&first.contact_rule));
+    let rules: Vec<String> = rules.iter().map(rule_in_words).collect();
+    println!("Contact: {}.", rules.join("; for a part of the steps: "));
 }
 
 /// Prints the change of the stiffness K of each region since the identification, and a request for another identification, as

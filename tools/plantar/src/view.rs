@@ -495,7 +495,7 @@ mod tests {
         }
     }
 
-    /// The insole stored them while no host was connected. The advice of an alert is to unload the foot now.
+    /// The insole has stored old alerts while no host was connected. Their advice, to unload the foot now, is out of date.
     #[test]
     fn alerts_are_shown_for_five_minutes_and_old_ones_are_not() {
         let advice = client::alert_advice(&longest_alert());

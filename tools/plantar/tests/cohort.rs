@@ -362,7 +362,7 @@ fn thickness_and_zero_file_of_a_participant_are_used() {
 /// The measurements of the heel are close to a contradiction, so that single steps are on both sides of the limit; then they
 /// clearly contradict each other.
 #[test]
-fn contradicting_measurements_are_decided_for_a_recording_and_named() {
+fn a_contradiction_of_measurements_is_decided_for_a_whole_recording_and_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     let ann = path.join("people/ann");

@@ -517,7 +517,7 @@ fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream
     assert_eq!(session["steps"], stream["steps"]);
     assert_eq!(session["regions"], stream["regions"]);
 
-    // Recordings of the cells beside the tables are not used, which is said.
+    // Recordings of the cells beside the tables are not used, and a note states this.
     std::fs::create_dir(path.join("session/cells")).expect("made");
     let (status, _, notes) = run(path, "fit session --json cells.json");
     assert!(status == 0 && notes.contains("not the cells"), "{notes}");

@@ -89,7 +89,9 @@ impl Insole {
     /// Sends the messages that are due. Returns false if the host has disconnected.
     fn send_due(&mut self, carrier: &mut impl Write) -> bool {
         let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-        let hello = Hello { side: self.side, ..hello() };
+        // The insole uses the settings of its firmware.
+        let layout_id = self.session.setup().map_or(0, |setup| setup.layout_id);
+        let hello = Hello { side: self.side, layout_id, ..hello() };
         while let Some(message) = self.session.next(&hello, Status::default, &mut buffer) {
             let len = frame(message, &mut framed);
             if carrier.write_all(&framed[..len]).is_err() {
@@ -415,7 +417,7 @@ fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {
 /// If older firmware refuses the request for the origin of the parameters because it does not know this request, they are written
 /// as not personal. After any other failure nothing is written, because the parameters may be personal.
 #[test]
-fn parameters_whose_origin_could_not_be_read_are_not_written() {
+fn parameters_of_unknown_origin_are_written_only_if_the_firmware_is_too_old_to_state_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("params.toml");
     let (listener, address) = listen();
@@ -472,16 +474,15 @@ fn a_calibration_is_not_sent_if_the_other_foot_has_none() {
             .arg(folder.path())
             .spawn()
             .expect("it runs");
-    // Each thread returns true if the program requests the cells of its foot, for a standing trial, and false if it first
-    // requests the identity. The identity contains the identifier of the calibration in force, with which the program compares a
-    // stored calibration before it sends it.
+    // Each thread returns true if the program requests the cells of its foot, for a standing trial, and false if it first sends
+    // a calibration.
     let serving = [(left.0, Side::Left), (right.0, Side::Right)].map(|(listener, side)| {
         std::thread::spawn(move || {
             let mut insole = Insole { side, ..Insole::with_steps([]) }.with_cells();
             let is_trial = Cell::new(false);
             insole.serve(listener.accept().expect("it connects").0, |message| {
                 is_trial.set(matches!(message, ToDevice::StreamCells(_)));
-                is_trial.get() || matches!(message, ToDevice::GetIdentity)
+                is_trial.get() || matches!(message, ToDevice::SetCalibrationBlock { .. })
             });
             is_trial.get()
         })

@@ -1,6 +1,7 @@
 //! Tests `plantar params` and `plantar insole` with files, and with a simulated insole on the network that runs the code of the
 //! firmware's session.
 
+use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy};
 use parameters::{DIRECT, Identified, InsoleSize, Parameters};
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::baseline::ZeroResult;
@@ -13,7 +14,7 @@ use plantar::protocol::CalibrationId;
 use plantar::protocol::session::{Command, CommandResult, Session};
 use plantar::protocol::{self, Decoder, Hello, Identity, MAX_FRAME, MAX_MESSAGE, Reset, Settings, Status, ToDevice};
 use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpListener};
+use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{self, Output};
 use std::sync::{Arc, Mutex};
@@ -217,7 +218,8 @@ fn parameters_and_their_contact_rule_are_set_together() {
     let unknown = Parameters::parse(&text.replace("\"hallux\"", "\"toe\""), Path::new("unknown.toml"));
     assert!(unknown.is_err_and(|error| error.to_string().contains("\"toe\" is not a region")), "{text}");
 
-    // The insole accepts parameters for its live stream, but compares the forces of its steps with those of the other filter.
+    // The insole accepts parameters that were identified with the filter of the live stream, but does not track their changes,
+    // because it evaluates its steps with the other filter.
     std::fs::write(path.join("live.toml"), text.replace("\"direct\"", "\"live\"")).expect("written");
     let output = params(path, &format!("push live.toml --tcp {address}"));
     let stderr = String::from_utf8(output.stderr).expect("text");
@@ -275,6 +277,49 @@ fn a_size_that_is_not_in_force_yet_is_shown_as_such_and_can_be_set_again() {
     assert!(done && text.contains("92.9 %") && !text.contains(pending), "{text}{error}");
     let (done, _, text) = run("set --size 39");
     assert!(!done && text.contains("nothing to change"), "{text}");
+}
+
+/// The restart after the settings of a host were removed has failed: the insole uses them until its next start.
+#[test]
+fn removed_settings_that_are_still_in_use_are_not_shown_as_those_of_the_firmware() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (address, _session) = insole();
+    let run = |arguments: &str| run_insole(folder.path(), address, arguments);
+    let (done, text, error) = run("set --rate 200");
+    assert!(done && text.contains("200 frames/s"), "{text}{error}");
+    let stream = TcpStream::connect(address).expect("the insole listens");
+    stream.set_read_timeout(Some(READ_TIMEOUT)).expect("a valid timeout");
+    let mut client = Client::connect(Framed::new(stream), ReconnectPolicy::STREAM.answer).expect("a session");
+    client.set_settings(None).expect("the insole stores them");
+    drop(client);
+    let (done, text, _) = run("show");
+    assert!(done && text.contains("those of the firmware, in force once the insole restarts"), "{text}");
+    assert!(!text.contains("200 frames/s"), "{text}");
+}
+
+/// The restart after another rule was set has failed. The insole would adopt this rule at its next start, and then could not
+/// use the parameters that it received before it.
+#[test]
+fn a_rule_that_is_not_in_force_yet_is_replaced_by_that_of_the_parameters() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let stored = Settings { contact: ContactRule::COVERED, ..Settings::of(&testkit::SETUP) };
+    let (address, session) = insole_with(Some(stored));
+    let identified = Identified {
+        filter: DIRECT.into(),
+        contact: testkit::SETUP.contact,
+        side: "left".into(),
+        steps: 31,
+        regions: vec![Region::Heel],
+    };
+    let parameters =
+        Parameters { personal: true, identified: Some(identified), ..Parameters::typical(InsoleSize::default()) };
+    std::fs::write(folder.path().join("params.toml"), parameters.to_toml()).expect("written");
+    succeed(folder.path(), &format!("push params.toml --tcp {address}"));
+    // The insole restarts for this change.
+    let (done, text, error) = run_insole(folder.path(), address, "set --rate 200");
+    assert!(done, "{text}{error}");
+    let setup = *session.lock().expect("no panic").setup().expect("it has a layout");
+    assert_eq!(setup.contact, testkit::SETUP.contact);
 }
 
 #[test]

@@ -25,10 +25,12 @@ impl UncheckedRecording {
     /// sentence about filled and omitted frames is added to `remarks`.
     ///
     /// # Errors
-    /// Fails if the frames or the cells violate a rule of recordings. Messages name `path`, and the time of the frame.
+    /// Fails if the frames or the cells violate a rule of recordings, or the frames do not fit into memory when gaps are filled.
+    /// Messages name `path`, and the time of the frame.
     pub fn recording(self, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
         let Self { side, cells, mut t_s, mut pressure_kpa, name, source } = self;
         let file = path.display().to_string();
+        check::value_count(gaps::frames_after_fill(&t_s) as u64, cells.len(), &file)?;
         let source = match gaps::fill(&mut t_s, &mut pressure_kpa, cells.len()) {
             None => source,
             Some(note) => {
@@ -55,25 +57,39 @@ mod tests {
     use super::*;
     use plantar::Region;
 
+    /// The message with which the recording of a row of cells is refused.
+    fn refusal(cells: u16, t_s: Vec<f64>, pressure_kpa: Vec<f32>) -> Option<String> {
+        let cell = |i: u16| Cell { x_mm: 10.0 * f64::from(i), y_mm: 10.0, area_mm2: 50.0, region: Region::Heel };
+        let unchecked = UncheckedRecording {
+            side: Side::Left,
+            cells: (0..cells).map(cell).collect(),
+            t_s,
+            pressure_kpa,
+            name: String::new(),
+            source: String::new(),
+        };
+        unchecked.recording(Path::new("walk.txt"), &mut Vec::new()).err().map(|error| error.to_string())
+    }
+
     #[test]
     fn messages_name_the_time_and_the_cell() {
-        let cell = |x_mm| Cell { x_mm, y_mm: 10.0, area_mm2: 50.0, region: Region::Heel };
         let message = |t_s: [f64; 4], kpa: f32| {
             let mut pressure_kpa = vec![0.0; 8];
             pressure_kpa[5] = kpa;
-            let unchecked = UncheckedRecording {
-                side: Side::Left,
-                cells: vec![cell(0.0), cell(10.0)],
-                t_s: t_s.into(),
-                pressure_kpa,
-                name: String::new(),
-                source: String::new(),
-            };
-            unchecked.recording(Path::new("walk.txt"), &mut Vec::new()).err().map(|error| error.to_string())
+            refusal(2, t_s.into(), pressure_kpa)
         };
         let starts = |message: Option<String>, with: &str| message.is_some_and(|message| message.starts_with(with));
         assert!(starts(message([0.0, 0.01, 0.01, 0.02], 0.0), "walk.txt, at 0.01 s: time 0.01 s is repeated"));
         assert!(starts(message([0.0, 0.01, 0.02, 0.03], -1.0), "walk.txt, at 0.02 s, cell 1: pressure -1 kPa"));
         assert_eq!(message([0.0, 0.01, 0.02, 0.03], 1.0), None);
+    }
+
+    /// Between the 2001 frames, there are 1000 gaps, in each of which 98 frames were lost. The pressures are missing, so that an
+    /// import that begins to fill the gaps panics, instead of allocating 12 GB.
+    #[test]
+    fn frames_in_gaps_count_towards_the_limit_on_memory() {
+        let t_s = (0..=2000).map(|i| f64::from(i / 2) * 0.1 + f64::from(i % 2) * 1e-3).collect();
+        let message = refusal(30_000, t_s, Vec::new()).expect("a refusal");
+        assert!(message.starts_with("walk.txt: 100001 frames of 30000 cells, more than"), "{message}");
     }
 }

@@ -48,7 +48,8 @@ pub const MAX_KPA: f32 = 50_000.0;
 pub const RESAMPLE: &str = "resample it to uniform time, as plantar import csv does with --rate";
 
 /// Largest number of pressures in a recording; they occupy 8 GiB. Without this limit, a small file could exhaust the memory,
-/// because equal values are compressed. The limit is lower for fuzzing, which reads many files.
+/// because equal values are compressed, cells without load are not stored, and gaps are filled. The limit is lower for fuzzing,
+/// which reads many files.
 const MAX_VALUES: u64 = if cfg!(fuzzing) { 1 << 22 } else { 1 << 31 };
 
 /// Checks that a recording with this number of frames and cells fits into memory. Messages begin with `place`.

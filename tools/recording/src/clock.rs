@@ -31,11 +31,13 @@ pub fn time_of_day_s(text: &str) -> Option<f64> {
     })
 }
 
-/// The times of frames, s from the first one. `numbers` are the numbers of the frames, `stated_s` their times of day.
+/// The times of frames, s from the first one. `stated_s` are their times of day, s, and `numbers` the numbers of those frames
+/// that have one.
 ///
-/// Times of day come from the clock of a computer: they jitter, and some programs state whole seconds. If the numbers increase
-/// and the times are near a straight line over them, the frames are on this line. Otherwise the stated times are used, and also
-/// if they are whole seconds that change fewer than [`LEAST_CHANGES`] times: such times repeat, and the importer refuses them.
+/// Times of day come from the clock of a computer: they jitter, and some programs state whole seconds. If every frame has a
+/// number, the numbers increase, and the times are near a straight line over them, the frames are on this line. Otherwise the
+/// stated times are used, and also if they are whole seconds that change fewer than [`LEAST_CHANGES`] times: such times repeat,
+/// and the importer refuses them.
 pub fn times_s(numbers: &[u64], stated_s: &[f64]) -> Vec<f64> {
     let mut passed_s = Vec::with_capacity(stated_s.len());
     let mut days_s = 0.0;

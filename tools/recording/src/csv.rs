@@ -104,7 +104,7 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
         let Ok(id) = record[columns.cell].parse::<usize>() else {
             return Err(Error::content(
                 place(),
-                format!("`{}` is not a cell number", &record[columns.cell]),
+                format!("`{}` is not a cell number", shortened(&record[columns.cell])),
                 "number the cells 0, 1, 2, ...",
             ));
         };
@@ -122,7 +122,7 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
             Some(column) => Region::from_name(&record[column]).ok_or_else(|| {
                 Error::content(
                     place(),
-                    format!("unknown region `{}`", &record[column]),
+                    format!("unknown region `{}`", shortened(&record[column])),
                     format!("use one of {}", names::all_regions()),
                 )
             })?,
@@ -265,7 +265,7 @@ fn shared_mm((a, half_a): (f64, f64), (b, half_b): (f64, f64)) -> f64 {
     ((a + half_a).min(b + half_b) - (a - half_a).max(b - half_b)).max(0.0)
 }
 
-/// The frames of a file. Their numbers are finite, the times increase, and no pressure is negative.
+/// The frames of a file. All values are finite, the times increase, and no pressure is negative.
 struct Frames {
     /// Time of each frame, s.
     t_s: Vec<f64>,

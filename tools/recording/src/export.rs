@@ -9,7 +9,7 @@ use std::path::Path;
 /// The content of an export.
 #[derive(Debug)]
 pub struct Export {
-    /// One recording for each foot, on a common clock.
+    /// One recording for each foot. Their times are on a common clock, unless one of the `remarks` states otherwise.
     pub feet: Vec<Recording>,
     /// Sentences for the user: decisions of the import, and the comparison of its result with totals in the export.
     pub remarks: Vec<String>,
@@ -66,7 +66,8 @@ impl Format {
     /// Recognises the format of a file from its content. Messages name `path`.
     ///
     /// # Errors
-    /// Fails if no importer reads the file. The message names the command for a format that needs further arguments.
+    /// Fails if the file has none of these formats. For a recording, and for the formats of pedar, CSV and jiku-data, which need
+    /// further arguments, the message names the command that reads the file.
     pub fn recognise(bytes: &[u8], path: &Path) -> Result<Self> {
         let file = || path.display().to_string();
         let refuse = |problem: &str, remedy: &str| Err(Error::content(file(), problem, remedy));

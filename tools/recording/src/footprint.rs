@@ -133,7 +133,8 @@ impl Footprint<'_> {
     }
 }
 
-/// Warnings about a recording with cells that look mirrored or upside down, each with a remedy.
+/// Warnings, each with a remedy, about a layout that seems to be in another unit, to have exchanged axes, or to be upside down or
+/// mirrored. Only the first of these that applies is reported. Empty if none does.
 pub fn warnings(recording: &Recording) -> Vec<String> {
     let cells = &recording.layout.cells;
     let under_foot = vec![true; cells.len()];

@@ -3,6 +3,7 @@
 //! export with gaps; if the frames will be resampled, [`crate::csv`] refuses only the longer ones.
 
 use crate::text::significant;
+use std::ops::Range;
 
 /// Longest gap that is filled by interpolation, s, unless the rate is low; see [`longest_filled_s`]. A heel strike takes about
 /// this time, so that a longer gap may hide the beginning of a step.
@@ -21,25 +22,16 @@ const SHORTEST_FILLED_PERIOD_S: f64 = 7e-4;
 /// Nothing is changed if the median interval is below [`SHORTEST_FILLED_PERIOD_S`]. Times that do not increase are left as they
 /// are; [`crate::rate::of`] rejects them.
 pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<String> {
-    let period_s = median_interval_s(t_s)?;
-    let is_gap = |before_s: f64, after_s: f64| after_s - before_s > GAP_INTERVALS * period_s;
-    if period_s < SHORTEST_FILLED_PERIOD_S || !t_s.windows(2).any(|pair| is_gap(pair[0], pair[1])) {
-        return None;
-    }
+    let (period_s, part) = part_to_fill(t_s)?;
     let longest_filled_s = longest_filled_s(period_s);
-    let part = longest_part(t_s, period_s);
     let left_out = t_s.len() - part.len();
     let (old_s, old_kpa) = (t_s[part.clone()].to_vec(), kpa[part.start * cells..part.end * cells].to_vec());
-    let mut filled = 0;
     t_s.clear();
     kpa.clear();
     for (i, &now_s) in old_s.iter().enumerate() {
         let frame = |i: usize| &old_kpa[i * cells..(i + 1) * cells];
-        if let Some(before_s) = i.checked_sub(1).map(|before| old_s[before])
-            && is_gap(before_s, now_s)
-        {
-            let intervals = ((now_s - before_s) / period_s).round().max(2.0) as usize;
-            filled += intervals - 1;
+        if let Some(before_s) = i.checked_sub(1).map(|before| old_s[before]) {
+            let intervals = intervals(now_s - before_s, period_s);
             for k in 1..intervals {
                 let share = k as f64 / intervals as f64;
                 t_s.push(before_s + share * (now_s - before_s));
@@ -49,6 +41,7 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
         t_s.push(now_s);
         kpa.extend(frame(i));
     }
+    let filled = t_s.len() - old_s.len();
     let filled = (filled > 0).then(|| format!("Lost frames that were interpolated linearly: {filled}."));
     let left_out = (left_out > 0).then(|| {
         format!(
@@ -57,6 +50,25 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
         )
     });
     Some(filled.into_iter().chain(left_out).collect::<Vec<_>>().join(" "))
+}
+
+/// The number of frames after [`fill`].
+pub fn frames_after_fill(t_s: &[f64]) -> usize {
+    let Some((period_s, part)) = part_to_fill(t_s) else { return t_s.len() };
+    1 + t_s[part].windows(2).map(|pair| intervals(pair[1] - pair[0], period_s)).sum::<usize>()
+}
+
+/// The median interval, s, and the range of the frames that remain after [`fill`]; `None` if it changes nothing.
+fn part_to_fill(t_s: &[f64]) -> Option<(f64, Range<usize>)> {
+    let period_s = median_interval_s(t_s)?;
+    let has_gap = || t_s.windows(2).any(|pair| intervals(pair[1] - pair[0], period_s) > 1);
+    (period_s >= SHORTEST_FILLED_PERIOD_S && has_gap()).then(|| (period_s, longest_part(t_s, period_s)))
+}
+
+/// The number of intervals between two successive frames after [`fill`]; 1 if no frame was lost between them. `period_s` is the
+/// median interval.
+fn intervals(interval_s: f64, period_s: f64) -> usize {
+    if interval_s > GAP_INTERVALS * period_s { (interval_s / period_s).round().max(2.0) as usize } else { 1 }
 }
 
 /// The longest gap that is filled, s, between frames with the median interval `period_s`.
@@ -96,7 +108,7 @@ pub fn median_interval_s(t_s: &[f64]) -> Option<f64> {
 }
 
 /// The longest range of times without an interval that is too long to be filled. `period_s` is the median interval.
-fn longest_part(t_s: &[f64], period_s: f64) -> std::ops::Range<usize> {
+fn longest_part(t_s: &[f64], period_s: f64) -> Range<usize> {
     let (mut longest, mut start) = (0..0, 0);
     for i in 0..t_s.len() {
         if i > 0 && !is_filled(t_s[i] - t_s[i - 1], period_s) {
@@ -157,6 +169,21 @@ mod tests {
         let note = fill(&mut t_s, &mut kpa, 2).expect("a gap");
         assert!(note.contains("left out: 10"), "{note}");
         assert_eq!((t_s.len(), t_s[0], kpa[0], kpa.len()), (20, 1.0, 20.0, 40));
+    }
+
+    #[test]
+    fn the_frames_after_filling_are_counted_in_advance() {
+        for t_s in [
+            vec![0.0, 0.01, 0.04, 0.05],
+            vec![0.0, 0.01, 0.02, 1.0, 1.01, 1.03, 1.04],
+            vec![0.0, 0.011, 0.02, 0.031],
+            vec![0.0, 1e-73, 2e-73, 0.01],
+            vec![],
+        ] {
+            let (mut filled_s, mut kpa) = (t_s.clone(), vec![1.0; t_s.len()]);
+            fill(&mut filled_s, &mut kpa, 1);
+            assert_eq!(frames_after_fill(&t_s), filled_s.len(), "{t_s:?}");
+        }
     }
 
     /// Without the limit, the gap would be filled with 1e71 frames.

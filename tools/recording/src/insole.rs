@@ -197,7 +197,7 @@ impl VirtualInsole {
             pressure_kpa.iter_mut().for_each(|kpa| *kpa = (*kpa - zero_kpa).max(0.0));
         }
         let mut codes = vec![0; pressure_kpa.len()];
-        // As in `codes`, unloaded frames are skipped eight at a time.
+        // As `codes` skips unloaded cells, unloaded frames are skipped eight at a time.
         for (kpa, codes) in pressure_kpa.chunks(8).zip(codes.chunks_mut(8)) {
             if kpa.iter().fold(0, |any, kpa| any | kpa.to_bits()) != 0 {
                 kpa.iter().zip(codes).for_each(|(&kpa, code)| *code = self.law.code(kpa));

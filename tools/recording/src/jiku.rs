@@ -9,9 +9,10 @@
 mod native;
 mod registration;
 
+use crate::check::{self, At};
 use crate::error::caught;
 use crate::table::file_name;
-use crate::{Cell, Error, Layout, Recording, Result, check, template};
+use crate::{Cell, Error, Layout, Recording, Result, template};
 use hdf5_reader::Hdf5File;
 use native::{Step, Unusable};
 use plantar::{Region, Side};
@@ -27,6 +28,8 @@ pub const TRIALS: usize = 60;
 pub const RATE_HZ: f64 = 500.0;
 /// Unloaded time that is inserted before the first step, between successive steps and after the last step, s.
 pub const SWING_S: f64 = 0.4;
+/// Number of frames in this time.
+const SWING_FRAMES: usize = (SWING_S * RATE_HZ).round() as usize;
 
 /// Extent of a native cell along the foot, mm.
 const CELL_LENGTH_MM: f64 = 7.62;
@@ -51,8 +54,8 @@ const UNIT_N: f64 = 0.1;
 /// processed, and the size itself.
 ///
 /// # Errors
-/// Fails if the data set has no walker or trial of this number, the file or a trial is missing or cannot be read, or no trial is
-/// usable.
+/// Fails if the data set has no walker or trial of this number, the file or a trial is missing or cannot be read, no trial is
+/// usable, or the recording violates a rule of recordings or does not fit into memory.
 pub fn import(
     dir: impl AsRef<Path>,
     walker: usize,
@@ -123,7 +126,9 @@ fn read(
     }
     let shifts = registration::shifts(&steps);
     let grid = Grid::of(&steps, &shifts);
-    check::cell_count(grid.indices.len(), &path.display().to_string())?;
+    let name = path.display().to_string();
+    check::cell_count(grid.indices.len(), &name)?;
+    let frames = frame_count(&steps, grid.indices.len(), &name)?;
     let mut source = format!(
         "SpeedPP2DS (Pataky and Crompton, jiku-data), {}: {} separate barefoot steps on a pressure \
          plate (trials {}), concatenated with {SWING_S} s without load before, between and after them; \
@@ -136,16 +141,20 @@ fn read(
     if !left_out.is_empty() {
         source += &format!(" Trials left out: {}.", left_out.join(", "));
     }
-    let pressure_kpa = concatenate(&steps, &shifts, &grid);
-    let frames = pressure_kpa.len() / grid.indices.len();
-    Ok(Recording {
+    let recording = Recording {
         side: Side::Right,
         layout: Layout { name: format!("pressure plate, walker {walker}"), cells: grid.cells() },
         rate_hz: RATE_HZ,
         source,
         t_s: (0..frames).map(|frame| frame as f64 / RATE_HZ).collect(),
-        pressure_kpa,
-    })
+        pressure_kpa: concatenate(&steps, &shifts, &grid, frames),
+    };
+    check::recording(&recording, &|at| match at {
+        At::Whole => name.clone(),
+        At::Frame(frame) => format!("{name}, at {} s of the recording", recording.t_s[frame]),
+        At::Value { frame, cell } => format!("{name}, at {} s of the recording, cell {cell}", recording.t_s[frame]),
+    })?;
+    Ok(recording)
 }
 
 /// The error for a trial that is missing in a file or cannot be read.
@@ -219,23 +228,45 @@ impl Grid {
     }
 }
 
-/// The pressures of all frames, kPa, frame by frame: swing, step, swing, step, ..., swing.
-fn concatenate(steps: &[Step], shifts: &[Shift], grid: &Grid) -> Vec<f32> {
+/// The number of frames of the concatenated steps, swing included. `cells` is the number of cells of the recording.
+///
+/// # Errors
+/// Fails if the recording does not fit into memory. The message begins with `file`.
+fn frame_count(steps: &[Step], cells: usize, file: &str) -> Result<usize> {
+    let frames = (steps.len() + 1) * SWING_FRAMES + steps.iter().map(Step::frames).sum::<usize>();
+    check::value_count(frames as u64, cells, file)?;
+    Ok(frames)
+}
+
+/// The pressures of all frames, kPa, frame by frame: swing, step, swing, step, ..., swing. Their number is `frames`.
+fn concatenate(steps: &[Step], shifts: &[Shift], grid: &Grid, frames: usize) -> Vec<f32> {
     let kpa_per_unit = (UNIT_N / (CELL_LENGTH_MM * CELL_WIDTH_MM) * 1e3) as f32;
     let cells = grid.indices.len();
-    let swing_values = (SWING_S * RATE_HZ).round() as usize * cells;
-    let mut pressure_kpa = vec![0.0; swing_values];
+    let mut pressure_kpa = vec![0.0; frames * cells];
+    let mut start = SWING_FRAMES * cells;
     for (step, shift) in steps.iter().zip(shifts) {
-        let start = pressure_kpa.len();
-        pressure_kpa.resize(start + step.frames() * cells, 0.0);
-        let frames = &mut pressure_kpa[start..];
         for cell in step.loaded_cells() {
             let index = grid.indices[&shift.apply(cell)];
-            for (frame, &units) in frames.chunks_exact_mut(cells).zip(step.series(cell)) {
+            for (frame, &units) in pressure_kpa[start..].chunks_exact_mut(cells).zip(step.series(cell)) {
                 frame[index] = f32::from(units) * kpa_per_unit;
             }
         }
-        pressure_kpa.resize(pressure_kpa.len() + swing_values, 0.0);
+        start += (step.frames() + SWING_FRAMES) * cells;
     }
     pressure_kpa
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A step with many frames and one with many cells may be small, but the recording has the frames and the cells of both.
+    #[test]
+    fn frames_that_do_not_fit_into_memory_are_refused() {
+        let step = |frames: usize| Step::new(1, frames, vec![1; frames]);
+        let count = |frames| frame_count(&[step(frames), step(10)], 4096, "subj000.h5").map_err(|e| e.to_string());
+        assert_eq!(count(50), Ok(60 + 3 * 200));
+        let error = count(1 << 20).unwrap_err();
+        assert!(error.starts_with("subj000.h5: 1049186 frames of 4096 cells, more than"), "{error}");
+    }
 }

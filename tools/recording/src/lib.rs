@@ -54,6 +54,7 @@ mod units;
 mod xls;
 mod zero;
 
+pub use check::MAX_KPA;
 pub use error::{Error, Result};
 pub use export::{Export, Format};
 pub use insole::VirtualInsole;

@@ -79,8 +79,8 @@ fn is_time(unit: &str) -> bool {
 /// Separators by which a file is recognised. Only tabs are read.
 const SEPARATORS: [char; 3] = ['\t', ';', ','];
 
-/// True for the text of a loadsol export. Between tabs, also that of insoles without zones: [`parse`] refuses them with the
-/// reason.
+/// True for the text of a loadsol export. If tabs separate its fields, also for the export of insoles without zones, which
+/// [`parse`] refuses with the reason.
 pub fn recognise(text: &str) -> bool {
     let found = SEPARATORS.into_iter().find_map(|separator| units_line(text, separator).map(|line| (separator, line)));
     let Some((separator, units)) = found else { return false };

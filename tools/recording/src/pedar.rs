@@ -2,8 +2,8 @@
 //! geometry of the insoles.
 //!
 //! Each line of the export contains the time in seconds and the pressures of both feet: first the left sensors, then the right
-//! ones. An export may also contain one foot alone, or lack sensors that a mask excluded; its header states the unit. Lines
-//! with the mean or the maximum of all frames at the end are skipped. The geometry is a CSV file with the header
+//! ones. An export may also contain one foot alone, or lack sensors that a mask excluded. If its header states no unit, kPa is
+//! assumed. Lines with the mean or the maximum of all frames at the end are skipped. The geometry is a CSV file with the header
 //! `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`. Each of its lines contains the corners of one sensor. Both insoles lie
 //! side by side and are seen from above, with the heels at small y and the right insole at larger x.
 
@@ -33,7 +33,8 @@ const TIME_COLUMN: &str = "time[secs]";
 const GEOMETRY_HEADER: [&str; 11] =
     ["side", "sensor", "area_mm2", "x1_mm", "y1_mm", "x2_mm", "y2_mm", "x3_mm", "y3_mm", "x4_mm", "y4_mm"];
 
-/// Imports one foot of a measurement. `progress` receives the number of bytes of the export that have been read, and its size.
+/// Imports one foot of a measurement. `progress` receives the number of bytes of the decoded text of the export that have been
+/// read, and the size of this text, bytes, which can differ from that of the file.
 ///
 /// # Errors
 /// Fails if a file cannot be read or a line violates the format. The message names file, line and remedy.
@@ -123,7 +124,8 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
         let place = || at_line(path, line);
         check_width(record.len(), header.len(), &place)?;
         if !["left", "right"].contains(&&record[0]) {
-            return Err(Error::content(place(), format!("unknown side `{}`", &record[0]), "use left or right"));
+            let problem = format!("unknown side `{}`", shortened(&record[0]));
+            return Err(Error::content(place(), problem, "use left or right"));
         }
         if &record[0] != side.name() {
             continue;
@@ -131,7 +133,7 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
         if record[1].parse() != Ok(cells.len() + 1) {
             return Err(Error::content(
                 place(),
-                format!("sensor `{}`, expected {}", &record[1], cells.len() + 1),
+                format!("sensor `{}`, expected {}", shortened(&record[1]), cells.len() + 1),
                 "number the sensors of each side 1, 2, 3, ... without gaps",
             ));
         }
@@ -193,7 +195,7 @@ fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
     ([x / (3.0 * doubled_mm2), y / (3.0 * doubled_mm2)], doubled_mm2.abs() / 2.0)
 }
 
-/// The frames of a file. The numbers in the file are finite, the times increase, and no pressure is negative.
+/// The frames of one foot in a file. All values are finite, the times increase, and no pressure is negative.
 struct Frames {
     /// Time of each frame, s.
     t_s: Vec<f64>,

@@ -94,8 +94,8 @@ impl Recording {
     /// No filter is applied: on downsampling, content above half the new rate aliases.
     ///
     /// # Errors
-    /// Fails if `rate_hz` is not a positive number up to 1 MHz or results in more than [`u32::MAX`] frames, or the recording has
-    /// no frame.
+    /// Fails if `rate_hz` is not a positive number up to 1 MHz or results in more than [`u32::MAX`] frames or more pressures than
+    /// this program holds in memory, or if the recording has no frame.
     pub fn at_rate(&self, rate_hz: f64) -> Result<Self> {
         rate::at_rate(self, rate_hz)
     }

@@ -88,7 +88,7 @@ pub fn pressure(field: &str, column: &str, unit: &str, place: &dyn Fn() -> Strin
     }
     Err(Error::content(
         place(),
-        format!("the pressure {field} {unit} in column {column} is negative or too large"),
+        format!("the pressure {} {unit} in column {column} is negative or too large", shortened(field)),
         "pressures are finite numbers of at least 0; repair or remove the frame",
     ))
 }

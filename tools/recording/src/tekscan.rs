@@ -53,7 +53,8 @@ struct Header<'a> {
     /// The pressure at which a cell is saturated, kPa.
     saturation_kpa: Option<f64>,
     file_name: &'a str,
-    sensor: &'a str,
+    /// The type of the sensor, for the name of the layout.
+    sensor: String,
 }
 
 /// Imports one foot, that of `side`. Without `side`, the ends of the file's names in the header and in `path` state the foot: L,
@@ -146,7 +147,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         frames,
         name: format!(
             "Tekscan {}, {rows} x {columns} cells",
-            if header.sensor.is_empty() { "sensor" } else { header.sensor }
+            if header.sensor.is_empty() { "sensor" } else { header.sensor.as_str() }
         ),
         source: format!("Tekscan measurement {}, regions by template.", file_name(path)),
     };
@@ -182,7 +183,7 @@ fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> 
                     .filter(|kpa| *kpa > 0.0);
             }
             "FILENAME" => header.file_name = value,
-            "SENSOR_TYPE" => header.sensor = value,
+            "SENSOR_TYPE" => header.sensor = shortened(value),
             _ => {}
         }
     }

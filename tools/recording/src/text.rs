@@ -84,13 +84,15 @@ pub fn number(field: &str, what: &str, place: &dyn Fn() -> String) -> Result<f64
     })
 }
 
-/// A text for a message, cut off after 60 characters.
+/// A text of a file for a message or a name: cut off after 60 characters, and with blanks instead of control characters, which
+/// would have an effect on the terminal on which the text is printed.
 pub fn shortened(text: &str) -> String {
     const LONGEST: usize = 60;
-    match text.char_indices().nth(LONGEST) {
-        Some((end, _)) => format!("{}...", &text[..end]),
-        None => text.to_owned(),
-    }
+    let (shown, end) = match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => (&text[..end], "..."),
+        None => (text, ""),
+    };
+    shown.replace(char::is_control, " ") + end
 }
 
 /// A number for a message, with at least three significant digits; very small and very large ones in scientific notation.

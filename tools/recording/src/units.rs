@@ -50,7 +50,7 @@ pub struct StatedUnit {
 pub fn stated(row: &str, place: &dyn Fn() -> String) -> Result<Option<StatedUnit>> {
     if let Some(name) = strip_name(row, "pressure values in") {
         let name = name.trim_matches([' ', '\t', ':']);
-        return Ok(Some(StatedUnit { name: name.to_owned(), kpa: kpa(name, place)? }));
+        return Ok(Some(StatedUnit { name: shortened(name), kpa: kpa(name, place)? }));
     }
     let mut words = row.split_whitespace().rev();
     let (last, before) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
@@ -63,7 +63,7 @@ pub fn stated(row: &str, place: &dyn Fn() -> String) -> Result<Option<StatedUnit
         before.eq_ignore_ascii_case("in") || unit.starts_with(['[', '(']) || (before.ends_with(':') && of_pressure())
     };
     let kpa = kpa_of(unit).filter(|_| is_stated());
-    Ok(kpa.map(|kpa| StatedUnit { name: unit.trim_matches(['[', ']', '(', ')']).to_owned(), kpa }))
+    Ok(kpa.map(|kpa| StatedUnit { name: shortened(unit.trim_matches(['[', ']', '(', ')'])), kpa }))
 }
 
 /// Reads a line of a header as [`stated`] into `unit`. Two lines must not state different units.
@@ -88,7 +88,7 @@ pub fn mm(unit: &str, place: &dyn Fn() -> String) -> Result<f64> {
         "m" | "meters" => 1e3,
         "in" | "inch" | "inches" | "\"" => 25.4,
         _ => {
-            let problem = format!("unknown unit of length `{unit}`");
+            let problem = format!("unknown unit of length `{}`", shortened(unit));
             return Err(Error::content(place(), problem, "export the measurement with lengths in mm, cm or inches"));
         }
     })

@@ -163,7 +163,7 @@ impl Reader<'_> {
     fn unit(&mut self, value: &str) -> Result<()> {
         let kpa = units::kpa(value, &|| self.place())?;
         if self.kpa_per_unit.is_some_and(|before| before != kpa) {
-            let problem = format!("the unit changes to `{value}` within the file");
+            let problem = format!("the unit changes to `{}` within the file", shortened(value));
             return Err(Error::content(self.place(), problem, "export all frames in one unit"));
         }
         self.kpa_per_unit = Some(kpa);
@@ -214,9 +214,11 @@ impl Reader<'_> {
         let State::Sensor(side) = self.state else { return Ok(()) };
         let place = self.place();
         let unit = name.split_once('(').map_or("", |(_, unit)| unit.trim_end_matches(')'));
+        let property = name.split('(').next().unwrap_or(name).trim();
+        let name = &shortened(name);
         let value_of = || number(value, name, &|| place.clone());
         let insole = self.insole(side);
-        match name.split('(').next().unwrap_or(name).trim() {
+        match property {
             "rows" => check_equal(&mut insole.rows, count(value, name, &place)?, name, &place),
             "columns" => check_equal(&mut insole.columns, count(value, name, &place)?, name, &place),
             "sensel width" => check_equal(&mut insole.cell_width_mm, size_mm(value_of()?, unit, &place)?, name, &place),

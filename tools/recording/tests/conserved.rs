@@ -71,14 +71,14 @@ fn binning_does_not_change_a_recording_with_few_enough_cells() {
 }
 
 #[test]
-fn binning_never_merges_regions() {
+fn binning_refuses_fewer_cells_than_regions() {
     let full = synthetic::walk(&SyntheticWalk::default()).recording;
     let error = full.binned(7).unwrap_err().to_string();
     assert!(error.contains("allow at least 8 cells"), "{error}");
 }
 
 #[test]
-fn binning_refuses_cells_that_cannot_be_written() {
+fn binning_refuses_a_merged_cell_of_more_than_4000_mm2() {
     let mut full = two_cells(vec![0.0], 100.0, vec![40.0, 80.0]);
     full.layout.cells.iter_mut().for_each(|cell| cell.area_mm2 = 2_500.0);
     let error = full.binned(1).unwrap_err().to_string();

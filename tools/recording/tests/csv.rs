@@ -144,6 +144,10 @@ fn invalid_layout_rows_are_rejected() {
     refused("1,15", "0,15", &["layout.csv:3", "cell 0 is already on line 2"]);
     refused("1,15", "2,15", &["layout.csv:3", "cell 1 is missing"]);
     refused("1,15", "one,15", &["layout.csv:3", "`one` is not a cell number"]);
+    let (long, shown) = ("x".repeat(100), format!("`{}...`", "x".repeat(60)));
+    refused("toe_2", &long, &["layout.csv:3", &shown]);
+    refused("1,15", &format!("{long},15"), &["layout.csv:3", &shown]);
+    refused("toe_2", "toe\u{1b}2", &["layout.csv:3", "`toe 2`"]);
     assert_refused("cell,x_mm,y_mm,area_mm2\n", FRAMES, &["layout.csv", "at least one cell"]);
 }
 
@@ -213,6 +217,8 @@ fn invalid_frame_rows_are_rejected() {
     }
     refused("0.01,3,", "0.01,-3,", &["frames.csv:3", "pressure -3", "c0", "at least 0"]);
     refused("0.01,3,", "0.01,1e300,", &["frames.csv:3", "c0"]);
+    let (long, shown) = (format!("0.01,-{}1,", "0".repeat(100)), format!("-{}... kPa", "0".repeat(59)));
+    refused("0.01,3,", &long, &["frames.csv:3", &shown]);
     refused("0.01,3,", "0.01,60000,", &["frames.csv:3", "c0", "60000 kPa", "0 to 50000 kPa"]);
     refused("0.02,", "0.00,", &["frames.csv:4", "backwards"]);
     refused("0.02,", "0.01,", &["frames.csv:4", "repeated"]);

@@ -79,7 +79,7 @@ fn a_walk_has_the_documented_layout_and_provenance() {
 
 #[test]
 #[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
-fn ten_aligned_steps_load_less_than_half_as_many_more_cells_as_one() {
+fn ten_aligned_steps_load_less_than_one_and_a_half_times_the_cells_of_one() {
     let folder = folder();
     // If the steps were not shifted onto each other, ten steps together would load far more cells than one step.
     let one_step = import(&folder, 1, [0]).cells();
@@ -140,6 +140,24 @@ fn with_a_trial_that_was_not_resampled() -> Vec<u8> {
     let at = bytes.windows(units.len()).rposition(|window| window == units).unwrap();
     bytes[at..at + 2].copy_from_slice(&5000u16.to_le_bytes());
     bytes
+}
+
+/// The computed trials with 120 times their pressures. Each trial has 6 x 2 x 8 values, and both are at the end of the file.
+fn with_impossible_pressures() -> Vec<u8> {
+    let mut bytes = COMPUTED.to_vec();
+    let data = bytes.len() - 2 * (6 * 2 * 8) * size_of::<u16>();
+    for units in bytes[data..].as_chunks_mut::<2>().0 {
+        *units = (120 * u16::from_le_bytes(*units)).to_le_bytes();
+    }
+    bytes
+}
+
+/// The largest pressure of the first loaded frame is 44 MPa, that of the second one is 71 MPa.
+#[test]
+fn impossible_pressures_are_refused_with_the_name_of_the_file() {
+    let error = jiku::parse(&with_impossible_pressures(), &[0, 1]).unwrap_err().to_string();
+    assert!(error.starts_with("subj000.h5, at 0.402 s of the recording, cell "), "{error}");
+    assert!(error.contains("0 to 50000 kPa"), "{error}");
 }
 
 #[test]

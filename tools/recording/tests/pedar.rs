@@ -66,7 +66,7 @@ fn the_mask_definition_divides_the_sensors_between_the_feet() {
 }
 
 #[test]
-fn the_name_of_a_unit_may_have_capitals() {
+fn the_label_of_the_unit_may_have_capitals() {
     let newtons = ASC.replace("pressure values in  kPa", "Pressure values in N/cm2");
     let recording = import(&newtons, GEOMETRY, Side::Left).unwrap();
     assert_eq!(recording.pressure_kpa, [10.0, 20.0, 50.0, 60.0, 90.0, 100.0]);
@@ -119,6 +119,9 @@ fn the_error_for_an_invalid_geometry_names_the_line() {
     refused("right,1,100", "right,1,0", &["geometry.csv:2", "area 0"]);
     refused("right,2", "right,3", &["geometry.csv:3", "expected 2"]);
     refused("right,2", "both,2", &["geometry.csv:3", "left or right"]);
+    let (long, shown) = ("x".repeat(100), format!("`{}...`", "x".repeat(60)));
+    refused("right,2", &format!("{long},2"), &["geometry.csv:3", &shown]);
+    refused("right,2", &format!("right,{long}"), &["geometry.csv:3", &shown]);
     refused("right,1,100,100", "right,1,100,x", &["geometry.csv:2", "x1_mm"]);
 }
 

@@ -26,7 +26,8 @@ fn assert_words(result: Result<Recording, String>, words: &[&str]) {
     }
 }
 
-/// A pliance mat of 2 x 6 sensors with a side of 2 cm. `field` is the text of the pressure of each loaded sensor.
+/// A pliance mat of six rows of two sensors with a side of 2 cm. The load moves over the rows. `field` is the text of the
+/// pressure of the sensors in the row under its centre; those in the adjacent rows have 250.
 fn pliance(header: &str, field: &str) -> String {
     let names: Vec<_> = (1..=12).map(|sensor| sensor.to_string()).collect();
     let mut text = format!("{header}\ntime[secs] {}\n", names.join(" "));

@@ -37,7 +37,7 @@ fn parse(text: &str) -> Result<Export> {
 }
 
 #[test]
-fn a_step_is_imported_from_all_units() {
+fn exports_in_different_units_result_in_the_same_step() {
     for side in [Side::Left, Side::Right] {
         for (unit, per_kpa, spacing) in [
             ("KPa", 1.0, "10.16 mm"),
@@ -98,6 +98,15 @@ fn names_and_values_of_the_header_may_have_quotes() {
     let quoted = format!("{}\"ASCII_DATA\",\"@@\"\r\n{frames}", quoted.collect::<String>());
     assert!(quoted.contains("\"ROWS\",\"30\""));
     assert_eq!(parse(&quoted).unwrap().feet, parse(&plain).unwrap().feet);
+}
+
+#[test]
+fn the_type_of_the_sensor_is_short_and_printable_in_the_name_of_the_layout() {
+    let text = text(Side::Right, "KPa", 1.0, "10.16 mm");
+    let name = |sensor: &str| parse(&text.replacen("F-SCAN", sensor, 1)).unwrap().feet.remove(0).layout.name;
+    assert_eq!(name("F-SCAN"), "Tekscan F-SCAN, 30 x 11 cells");
+    let shown = format!("Tekscan F-SCAN [2J{}..., 30 x 11 cells", "x".repeat(50));
+    assert_eq!(name(&format!("F-SCAN\u{1b}[2J{}", "x".repeat(100))), shown);
 }
 
 #[test]
@@ -189,6 +198,8 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed("UNITS KPa", "UNITS stone"), "walk.asf:10: ", &["stone", "kPa"]);
     assert_message(changed("ROWS 30", "ROWS 99999"), "walk.asf:4: ", &["99999", "1 to"]);
     assert_message(changed("10.16 mm", "10.16 miles"), "walk.asf:6: ", &["miles", "inches"]);
+    let (long, shown) = (format!("10.16 {}", "x".repeat(100)), format!("`{}...`", "x".repeat(60)));
+    assert_message(changed("10.16 mm", &long), "walk.asf:6: ", &[&shown]);
     assert_message(changed("10.16 mm", "0 mm"), "walk.asf:6: ", &["0 mm"]);
     assert_message(changed("PER_FRAME 0.01", "PER_FRAME 0.00005"), "walk.asf:8: ", &["5e-5 s", "1e-4 to 0.5 s"]);
     assert_message(changed("COLS 11", "COLS 12"), "walk.asf:14: ", &["11 values", "12"]);

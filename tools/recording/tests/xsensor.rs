@@ -244,6 +244,12 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
         parse(&text(style, &lines))
     };
     assert_message(mixed, &at(3), &["unit changes"]);
+    let long_label = {
+        let mut lines = lines.clone();
+        lines[7] = vec![format!("Rows ({})", "x".repeat(100)), "0".to_owned()];
+        parse(&text(style, &lines))
+    };
+    assert_message(long_label, &at(7), &[&format!("rows ({}..., expected", "x".repeat(54))]);
     let cut = parse(&text(style, &lines[..first_row + 7]));
     assert_message(cut, "walk.csv:", &["7 of 30 rows", "cut off"]);
     let without_time: Vec<_> = lines.iter().filter(|line| line[0] != "Time").cloned().collect();

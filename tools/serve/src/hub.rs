@@ -60,8 +60,8 @@ struct Insole {
     clock_mapping: ClockMapping,
     /// Number of sessions with the insole so far. Numbers of records can be compared only within one session.
     session: u64,
-    /// The latest records, at most [`HELD_RECORDS`], oldest first. The position of a record is its index plus `removed`, which
-    /// does not change.
+    /// The latest records, at most [`HELD_RECORDS`], oldest first. The position of a record, which never changes, is its index
+    /// plus `removed`.
     records: VecDeque<Held>,
     /// Number of records that were removed from `records`.
     removed: usize,

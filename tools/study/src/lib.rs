@@ -21,5 +21,6 @@ pub use person::{Person, SETTINGS_FILE};
 use std::io;
 use std::path::Path;
 
-/// A function that returns the content of a file.
+/// A function that returns the content of a file. If there is no file, the error must be of the kind [`io::ErrorKind::NotFound`]:
+/// [`Person::open`] then uses the default settings.
 pub type ReadFile<'a> = &'a dyn Fn(&Path) -> io::Result<Vec<u8>>;

@@ -33,8 +33,8 @@ pub enum Task {
         #[arg(long)]
         quick: bool,
     },
-    /// Feed every parser with arbitrary bytes. If an input makes a parser fail, no further targets are started, and the task
-    /// fails once those that are running have ended.
+    /// Feed every parser with arbitrary bytes. If an input makes a parser fail, all other targets run nevertheless, and the task
+    /// fails at the end and names the input.
     Fuzz {
         /// Time for all fuzz targets together, minutes of one core. As many targets run at the same time as there are cores.
         #[arg(long, value_name = "N", default_value_t = 10.0)]

@@ -28,6 +28,9 @@ const OPEN_LIMIT_MS: u32 = ERASE_LIMIT_MS;
 /// and before a read, a write or an erase operation, it polls the status of the chip and waits until the chip is not busy
 /// (documentation of Nordic's driver `nrfx_qspi`). The transfer of a page takes 0.13 ms.
 pub const BUS_LIMIT_MS: u32 = OPEN_LIMIT_MS;
+/// Number of times that a read is attempted. Otherwise, a single failed read at the start would count as a missing record, such as
+/// the alert rules.
+const READS: usize = 2;
 /// Number of times that the identity of the chip is read, a millisecond apart.
 const IDENTITY_READS: usize = 5;
 
@@ -228,8 +231,15 @@ impl<B: Bus, const BYTES: u32> ReadNorFlash for Chip<B, BYTES> {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
         check::<BYTES>(offset, bytes.len())?;
-        let result = self.read_bytes(offset, bytes).await;
-        self.0.deactivate();
+        let mut result = Err(NoAnswer);
+        for _ in 0..READS {
+            result = self.read_bytes(offset, bytes).await;
+            // The next attempt switches the bus on again.
+            self.0.deactivate();
+            if result.is_ok() {
+                break;
+            }
+        }
         Ok(result?)
     }
 

@@ -134,7 +134,7 @@ outline_mm: Array<[number, number]>,
 /** The centroid of the polygon. */
 centre_mm: [number, number], };
 
-/** A cell of the insole's layout. It is drawn as a square. */
+/** A cell of the insole's layout. For the shape of the sole, it is a square with this area. */
 export type LayoutCell = {
 /** Index of the region. */
 region: number,

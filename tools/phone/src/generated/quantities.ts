@@ -18,7 +18,7 @@ export interface Step {
   bridged_frames: number;
   /** Boots of the insole since the one that recorded this step; `start_s` counts from that boot. Unit: count. */
   starts_ago: number;
-  /** Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since. */
+  /** Start on the insole's own wall clock, s since 1970; null if the clock was not set, or if there was no restart since. */
   start_unix_s: number | null;
   /** Contact rule of the areas. */
   contact_rule: { area: string; rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
@@ -164,7 +164,7 @@ export interface Bout {
   duration_s: number;
   /** Boots of the insole since the one that recorded this bout; `start_s` counts from that boot. Unit: count. */
   starts_ago: number;
-  /** Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since. */
+  /** Start on the insole's own wall clock, s since 1970; null if the clock was not set, or if there was no restart since. */
   start_unix_s: number | null;
   /** The regions by name. */
   regions: Record<string, BoutRegion>;
@@ -194,7 +194,7 @@ export interface Alert {
   today: number;
   /** Boots of the insole since the one that recorded this alert; `start_s` counts from that boot. Unit: count. */
   starts_ago: number;
-  /** Time on the insole's own clock, s since 1970; null if no host had set the clock before the alert. */
+  /** Time on the insole's own wall clock, s since 1970; null if no host had set the clock before the alert. */
   start_unix_s: number | null;
   /** Regions for which this is true: The region is under sustained load. */
   sustained: string[];

@@ -35,7 +35,7 @@ export interface Transport {
   readonly is_idle?: boolean;
   /**
    * True if the page must detect missing records, and request them again. Not for `plantar serve`: while its link is open, no
-   * record is lost, and it may not have those that are missing after an interruption any more.
+   * record is lost, and it may not have those that are missing after an interruption any more. A recording answers no requests.
    */
   readonly can_lose_records: boolean;
   /** Sends an encoded message. A message to an insole that is not connected is dropped. */

@@ -187,10 +187,10 @@ pub extern "C" fn clock_mapping_is_comparable(index: usize, device_us: f64) -> b
     with(&CLOCK_MAPPINGS, index, |mapping| mapping.is_comparable(device_us as u64))
 }
 
-/// See [`plantar_client::are_feet_comparable`].
+/// See [`client::are_feet_comparable`].
 #[unsafe(no_mangle)]
 pub extern "C" fn are_feet_comparable(comparable: usize, steps: usize) -> bool {
-    plantar_client::are_feet_comparable(comparable, steps)
+    client::are_feet_comparable(comparable, steps)
 }
 
 /// Resets the counter of the live frames of an insole.

@@ -327,7 +327,7 @@ impl Serialize for RegionOf<'_> {
 }
 
 /// Serialises the quantities of a part of a message: a live frame, its region or a contact ellipse. Unlike the quantities of a
-/// step, they have no nested keys and are always present.
+/// step, they have no nested keys. A quantity without a value is null, such as the centre of pressure of a lifted foot.
 fn serialize_quantities<T, M: SerializeMap>(map: &mut M, quantities: &[Quantity<T>], part: &T) -> Result<(), M::Error> {
     quantities.iter().try_for_each(|quantity| match quantity.per_unit {
         1 => map.serialize_entry(quantity.key, &(quantity.value)(part)),

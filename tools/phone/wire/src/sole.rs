@@ -33,7 +33,7 @@ const TOLERANCE_MM: f32 = 0.1;
 const RIM_MM: f32 = 7.0;
 /// Largest radius of the notches between cells that the outline bridges.
 const NOTCH_MM: f32 = 80.0;
-/// Cells whose edge is farther than this from a row are ignored for the points of the row: a foot always has nearer cells.
+/// Cells with edges that are farther than this from a row are ignored for the points of the row: a foot always has nearer cells.
 const REACH_MM: f32 = 40.0;
 
 /// A sole in foot coordinates, mm: x to the lateral side, y from heel to toes.
@@ -60,7 +60,7 @@ pub struct RegionShape {
     pub centre_mm: [f32; 2],
 }
 
-/// A cell of the insole's layout. It is drawn as a square.
+/// A cell of the insole's layout. For the shape of the sole, it is a square with this area.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub struct LayoutCell {

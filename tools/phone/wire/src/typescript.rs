@@ -50,7 +50,7 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         boots_since: 0,
         start_unix_us: None,
         refit: 0,
-        foot: StepFoot { valley_dn: 1, ..StepFoot::default() },
+        foot: StepFoot { second_peak_dn: 1, ..StepFoot::default() },
     };
     let step = step_to_json(&step);
     let bout = bout_to_json(&Bout {
@@ -100,7 +100,8 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         let fields = interface.lines().filter(|line| !line.contains("/**")).filter_map(|line| line.split_once(':'));
         let mut fields: Vec<_> = fields.map(|(name, _)| name.trim()).collect();
         let keys = object.as_object().expect("an object").keys().map(String::as_str);
-        // The message of a live frame also has the key `kind`, which its interface does not declare.
+        // The message of a live frame also has the key `kind`, which its interface does not declare. The `kind` of a load bout is
+        // a field of its interface.
         let mut keys: Vec<_> = keys.filter(|key| *key != "kind" || name == "Bout").collect();
         fields.sort_unstable();
         keys.sort_unstable();
@@ -147,7 +148,7 @@ fn quantities() -> String {
     interface(&mut text, "A step, the same object as in the files of the command line.", "Step", |text| {
         field(text, "Foot.", "side", "Side");
         Step::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        let meaning = "Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since.";
+        let meaning = "Start on the insole's own wall clock, s since 1970; null if the clock was not set, or if there was no restart since.";
         field(text, meaning, "start_unix_s", "number | null");
         field(text, "Contact rule of the areas.", "contact_rule", contact_rule);
         field(text, "The measures of the foot.", "foot", "StepFoot");
@@ -183,7 +184,7 @@ fn quantities() -> String {
         field(text, "The kind of the bout.", "kind", &kinds);
         field(text, "Foot.", "side", "Side");
         Bout::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        let meaning = "Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since.";
+        let meaning = "Start on the insole's own wall clock, s since 1970; null if the clock was not set, or if there was no restart since.";
         field(text, meaning, "start_unix_s", "number | null");
         field(text, "The regions by name.", "regions", "Record<string, BoutRegion>");
     });
@@ -194,7 +195,7 @@ fn quantities() -> String {
         field(text, "Foot.", "side", "Side");
         Alert::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
         let meaning =
-            "Time on the insole's own clock, s since 1970; null if no host had set the clock before the alert.";
+            "Time on the insole's own wall clock, s since 1970; null if no host had set the clock before the alert.";
         field(text, meaning, "start_unix_s", "number | null");
         Alert::FLAGS.iter().for_each(|flag| {
             let meaning = format!("Regions for which this is true: {}", flag.meaning);

@@ -57,7 +57,11 @@ impl LiveSource {
         let masked = Region::ALL.iter().zip(self.steps.masked_steps()).filter(|(_, steps)| *steps > 0);
         let regions: Vec<_> = masked.map(|(region, steps)| format!("{} in {steps} steps", region.name())).collect();
         if !regions.is_empty() {
-            eprintln!("note: {}: faulty cells were replaced by their neighbours: {}", self.name, regions.join(", "));
+            eprintln!(
+                "note: {}: the readings of faulty cells were replaced by those of their neighbours: {}",
+                self.name,
+                regions.join(", ")
+            );
         }
     }
 }

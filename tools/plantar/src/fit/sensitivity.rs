@@ -25,7 +25,7 @@ impl Fit {
     }
 
     /// Computes [`Study::counted_nrmse`]. `recordings` are the sources of the study that contain all cells. If another source
-    /// exists, or if the method is that of the paper, all results are `None`.
+    /// exists, if the method is that of the paper, or if the steps cannot be extracted, all results are `None`.
     pub(super) fn counted_nrmse(&self, study: &Study, recordings: &[&Path]) -> [Option<f64>; 8] {
         // The method of the paper is too slow to be repeated.
         if recordings.len() != study.sources.len() || study.options.method != Method::Projection {

@@ -104,7 +104,8 @@ impl Foot {
         self.update(|progress| progress.remark = remark);
     }
 
-    /// Passes each item from the insole to `process` until it returns true or `stop` is set. Reconnects when the link is lost.
+    /// Passes each item from the insole to `process` until `process` returns true or `stop` is set. Reconnects when the link is
+    /// lost.
     fn follow(&mut self, stop: &AtomicBool, mut process: impl FnMut(&mut Self, Item) -> Result<bool>) -> Result<()> {
         // The live stream is requested again, because a restart of the insole ends it. If this fails because the link is lost,
         // `next_event` opens it again.
@@ -480,9 +481,9 @@ const MAX_INCREASE: u16 = 400;
 /// The offset of a cell after a standing trial, in which its mean code under the lifted foot was `measured`. `calibrated` is its
 /// offset in a calibration that the insole stores; `None` without one.
 ///
-/// The insole is in the shoe during the trial. Subtracting the code of the shoe's pressure from that of a higher pressure is not
-/// subtracting the pressures, because the sensor law is not linear. The insole itself subtracts the pressure of the shoe, so a code
-/// that is higher by more than [`MAX_INCREASE`] does not change a calibrated offset.
+/// The insole may be in the shoe during the trial. Subtracting the code of the shoe's pressure from that of a higher pressure is
+/// not subtracting the pressures, because the sensor law is not linear. The insole itself subtracts the pressure of the shoe, so
+/// a code that is higher by more than [`MAX_INCREASE`] does not change a calibrated offset.
 fn offset_in_shoe(measured: u16, calibrated: Option<u16>) -> u16 {
     calibrated.filter(|offset| measured > offset.saturating_add(MAX_INCREASE)).unwrap_or(measured)
 }
@@ -555,7 +556,7 @@ impl Trial {
     }
 
     fn evaluate(&self, name: &str, recording: &Recording) -> Result<StandingResult> {
-        let trial = StandingTrial::find(recording, name)?;
+        let mut trial = StandingTrial::find(recording, name)?;
         let frames = self.regular_frames(name)?;
         let lifted = || trial.lifted.iter().flat_map(|lifted| &frames[lifted.clone()]);
         let mut calibrations = Vec::new();
@@ -578,7 +579,7 @@ impl Trial {
             sum_n / f64::from(count)
         };
         let lifted_n = mean_n(&mut trial.lifted.into_iter().flatten());
-        Ok(StandingResult { cells: calibrations, standing_n: mean_n(&mut trial.standing.into_iter()) - lifted_n })
+        Ok(StandingResult { cells: calibrations, standing_n: mean_n(&mut trial.standing) - lifted_n })
     }
 }
 

@@ -62,7 +62,7 @@ pub struct SettingsArgs {
 impl SettingsArgs {
     /// Stores the settings on an insole. Prints a note on stderr if the insole has parameters, and its size changes.
     pub fn set(&self, client: &mut AnyClient) -> Result<()> {
-        let before = in_force(client)?;
+        let before = stored_or_in_use(client)?;
         let settings = if self.reset { None } else { Some(self.checked(client, before.context(NO_LAYOUT)?)?) };
         client.set_settings(settings)?;
         // Without settings of a host, the layout is not scaled.
@@ -116,34 +116,38 @@ fn setup_in_use(client: &mut AnyClient) -> Result<Option<Setup>> {
     }
 }
 
-/// True if the stored settings are those that the insole adopted at its last start; its hello identifies those in use. Also true
+/// True if the stored settings, or those of the firmware if none are stored, are those that the insole adopted at its last start; its hello identifies those in use. Also true
 /// for an insole without a valid layout.
-fn are_used(client: &mut AnyClient) -> Result<bool> {
+pub fn are_used(client: &mut AnyClient) -> Result<bool> {
     let Some(Setup { layout_id, .. }) = setup_in_use(client)? else { return Ok(true) };
     let stored_id = client.settings()?.map_or(layout_id, |settings| settings.id(layout_id));
     Ok(client.hello().layout_id == stored_id)
 }
 
-/// The settings of an insole: those that a host has stored, or else those of its firmware; `None` if it has no valid layout.
-pub fn in_force(client: &mut AnyClient) -> Result<Option<Settings>> {
+/// The settings that a host has stored on an insole or, without them, those in use; `None` for an insole without a valid layout.
+/// The insole uses stored settings from its next start on.
+pub fn stored_or_in_use(client: &mut AnyClient) -> Result<Option<Settings>> {
     Ok(match client.settings()? {
         Some(settings) => Some(settings),
         None => setup_in_use(client)?.as_ref().map(Settings::of),
     })
 }
 
-/// Prints the settings in force.
+/// Prints the settings that are stored or, without them, in use, and states if they are in force only after a restart.
 pub fn print_settings(client: &mut AnyClient) -> Result<()> {
-    let hello = client.hello();
-    let (layout_id, is_stored) = (hello.layout_id, client.settings()?.is_some());
-    let Some(settings) = in_force(client)? else {
+    let (stored, are_used) = (client.settings()?, are_used(client)?);
+    let Some(settings) = stored_or_in_use(client)? else {
         println!("settings: none, because the insole has no valid layout; the note below has the reason");
         return Ok(());
     };
+    if stored.is_none() && !are_used {
+        println!("settings: those of the firmware, in force once the insole restarts");
+        return Ok(());
+    }
     let Settings { contact, stance, period_us, scale } = settings;
-    let origin = if is_stored { "set by a host" } else { "of the firmware" };
-    let since = if are_used(client)? { "" } else { ", in force once the insole restarts" };
-    println!("settings {layout_id:08x}, {origin}{since}:");
+    let origin = if stored.is_some() { "set by a host" } else { "of the firmware" };
+    let since = if are_used { "" } else { ", in force once the insole restarts" };
+    println!("settings, {origin}{since}:");
     println!("  contact: {}", rule_in_words(&contact));
     println!(
         "  stance: {} thresholds, from {} N until below {} N, {} to {} ms, gaps of less than {} ms are bridged",

@@ -117,8 +117,8 @@ pub fn write_csv(path: &Path, feet: &[FootRepeatability]) -> Result<()> {
     Ok(written?)
 }
 
-/// Makes the JSON object with all values. `left_out` has the reasons why people and recordings were not used, and `incomplete` the
-/// defects of the fits.
+/// Makes the JSON object with all values. `left_out` has the reasons why people and recordings were not used, and `incomplete`
+/// the defects of the fits.
 pub fn to_json(feet: &[FootRepeatability], left_out: &[String], incomplete: &[String]) -> Value {
     let foot = |foot: &FootRepeatability| {
         let mut variables = Map::new();

@@ -23,7 +23,8 @@ const BOTTOM: f64 = 22.0;
 const GAP: f64 = 8.0;
 /// Height of the mark of a size group in the [`charts`].
 const CHARTS_MARK_HEIGHT: f64 = 5.0;
-/// The axis of a variable is logarithmic if all means are positive and the largest one is more than this factor times the smallest.
+/// The axis of a variable is logarithmic if all means are positive and the largest one is more than this factor times the
+/// smallest.
 const LOGARITHMIC_FROM: f64 = 30.0;
 
 /// The CSS class that sets the colour of a size group. There are six colours, for the groups from 35-36 to 45-46; smaller and

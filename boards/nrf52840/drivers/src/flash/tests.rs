@@ -21,12 +21,15 @@ struct Simulated {
     busy_polls: u32,
     /// Number of these reads that remain until the chip is ready. [`Bus::activate`] makes up to [`BUS_LIMIT_MS`] of them itself.
     busy: u32,
+    /// Number of transfers that fail, of the next reads.
+    failing_reads: u32,
 }
 
 impl Simulated {
     fn new(identity: [u8; 3], busy_polls: u32) -> Self {
         let page = [const { AtomicU32::new(0) }; PAGE_WORDS];
-        Self { page, bytes: vec![0xff; BYTES as usize], identity, is_active: false, busy_polls, busy: busy_polls }
+        let bytes = vec![0xff; BYTES as usize];
+        Self { page, bytes, identity, is_active: false, busy_polls, busy: busy_polls, failing_reads: 0 }
     }
 
     fn check(&self, address: u32, words: usize) {
@@ -54,6 +57,10 @@ impl Bus for Simulated {
 
     async fn read(&mut self, address: u32, words: usize) -> Result<(), NoAnswer> {
         self.check(address, words);
+        if self.failing_reads > 0 {
+            self.failing_reads -= 1;
+            return Err(NoAnswer);
+        }
         for (word, at) in self.page.iter().zip((address as usize..).step_by(4)).take(words) {
             let bytes = self.bytes.get(at..at + 4).expect("the word is in the chip");
             word.store(u32::from_le_bytes(bytes.try_into().expect("four bytes")), Ordering::Relaxed);
@@ -179,5 +186,18 @@ fn a_chip_that_stays_busy_fails_a_write_within_a_limited_time() {
     // The driver reads the status `WRITE_LIMIT_MS` times, once a millisecond. The last of these reads must report a busy chip.
     chip.0.busy_polls = WRITE_LIMIT_MS + 1;
     assert_eq!(block_on(chip.write(0, &[0])), Err(Error::NoAnswer));
+    assert!(!chip.0.is_active, "the bus must be off after an error, too");
+}
+
+#[test]
+fn a_read_that_fails_once_is_repeated() {
+    let mut chip = open(Simulated::new(P25Q16H, 0)).expect("the chip answers");
+    block_on(chip.write(10, &[1, 2, 3])).expect("the chip answers");
+    chip.0.failing_reads = 1;
+    let mut bytes = [0; 3];
+    assert_eq!(block_on(chip.read(10, &mut bytes)), Ok(()));
+    assert_eq!(bytes, [1, 2, 3]);
+    chip.0.failing_reads = 2;
+    assert_eq!(block_on(chip.read(10, &mut bytes)), Err(Error::NoAnswer));
     assert!(!chip.0.is_active, "the bus must be off after an error, too");
 }

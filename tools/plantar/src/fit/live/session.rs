@@ -126,9 +126,9 @@ fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
     Ok(sessions)
 }
 
-/// The steps in the folder with the times of their heel strikes on the clock of the host, s since 1970, and whether these are
-/// exact enough to compare the feet, in the order of their arrival. Only the quantities that the measures of both feet use are
-/// read. In a table without the column `is_start_comparable`, no time is exact enough.
+/// The steps in the folder with the times of their heel strikes on the clock of the host, s since 1970, `None` if unknown, and
+/// whether these times are exact enough to compare the feet, in the order of their arrival. Only the quantities that the measures
+/// of both feet use are read. In a table without the column `is_start_comparable`, no time is exact enough.
 pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>, bool)>> {
     let columns = [&STEP_COLUMNS[..], &["start_unix_s", "foot_force_peak_n", "foot_force_integral_n_s"]].concat();
     let mut steps = Vec::new();
