@@ -53,7 +53,7 @@ pub trait Real:
     fn to_f64(self) -> f64;
     /// Converts to single precision; rounded to nearest.
     fn to_f32(self) -> f32;
-    /// The integer part, within the range of the type; 0 for NaN.
+    /// The integer part, limited to the range of `u32`; 0 for NaN.
     fn to_u32(self) -> u32;
     /// Nearest integer within 0..=65535, 0 for NaN; for the scaled integers of the protocol.
     fn round_u16(self) -> u16;
@@ -63,14 +63,14 @@ pub trait Real:
     fn sqrt(self) -> Self;
     /// Logarithm to the base 2 of a finite number that is not negative.
     fn log2(self) -> Self;
-    /// Power of 2; the exponent is not NaN.
+    /// 2 to the power of this number, which is not NaN.
     fn exp2(self) -> Self;
 
-    /// The larger number; `other` if this one is NaN.
+    /// The larger number; `other` if one of the two is NaN.
     fn max(self, other: Self) -> Self {
         if self > other { self } else { other }
     }
-    /// The smaller number; `other` if this one is NaN.
+    /// The smaller number; `other` if one of the two is NaN.
     fn min(self, other: Self) -> Self {
         if self < other { self } else { other }
     }
@@ -165,9 +165,10 @@ impl Real for f32 {
     fn sqrt(self) -> Self {
         fpu::sqrt(self)
     }
-    /// The logarithm of the significand is computed by a series of the inverse hyperbolic tangent that is accurate to 7e-9, so
-    /// the result is accurate to 1.2e-7, relative to the larger of 1 and itself. This takes half the instructions of the function
-    /// of `libm`, which also treats subnormal and infinite numbers: here, numbers below 1.2e-38 count as 0.
+    /// The logarithm of the significand is computed by a polynomial for the inverse hyperbolic tangent with an absolute error of
+    /// at most 7e-9, so the result is accurate to 1.2e-7, relative to the larger of 1 and itself. This takes half the
+    /// instructions of the function of `libm`, which also treats subnormal and infinite numbers: here, numbers below 1.2e-38
+    /// count as 0.
     #[inline(always)]
     fn log2(self) -> Self {
         /// The bits of the square root of 1/2, the smallest significand.

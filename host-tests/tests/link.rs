@@ -518,7 +518,7 @@ fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
     let index = sent.iter().position(|sent| *sent == Sent::Tissue(TISSUE.id)).expect("the insole answers");
     assert!(index <= 8, "the answer is sent after {index} frames");
     let Sent::Live(after) = sent[index + 1] else { panic!("{sent:?}") };
-    assert!(after >= first + 2 * index as u32, "{first} {index} {after}");
+    assert!(after >= first + 2 * (index as u32 + 1), "{first} {index} {after}");
 }
 
 /// Only new parameters make the queued live frames out of date.
@@ -582,7 +582,7 @@ fn the_result_of_a_command_is_not_sent_to_the_host_of_the_next_session() {
         session.receive(ToDevice::SetSettings(None), 0);
         session.complete(Ok(CommandResult::Stored));
         assert_eq!(all(&mut session), [Sent::Settings(None)], "the session's own command is answered");
-        // The host connects again within its session, as after missing records.
+        // The host connects again within its session, as hosts do after they have missed records.
         session.receive(ToDevice::SetSettings(None), 0);
         connect(&mut session);
         session.complete(Ok(CommandResult::Stored));
@@ -692,8 +692,9 @@ fn invalid_calibrations_and_serial_numbers_are_refused() {
 
 #[test]
 fn an_acknowledgement_is_passed_to_the_storage_once() {
-    let mut session = with_steps(10..15);
-    assert_eq!((session.has_room(), session.newest_record()), (RECORD_QUEUE > 5, Some(14)));
+    let numbers = 10..15;
+    let mut session = with_steps(numbers.clone());
+    assert_eq!((session.has_room(), session.newest_record()), (RECORD_QUEUE > numbers.len(), Some(14)));
     connect(&mut session);
     acknowledge(&mut session, 12);
     assert_eq!(session.take_acknowledged(), None, "steps that were not sent must not be acknowledged");
@@ -708,7 +709,7 @@ fn an_acknowledgement_is_passed_to_the_storage_once() {
 }
 
 /// The frames of cells wait for everything else but ellipses. Where the carrier is too slow, scans are dropped whole and counted,
-/// and the frames that are sent can be unpacked one after the other.
+/// and the sequence numbers of the frames that are sent have no gap, so that a host can unpack them.
 #[test]
 fn frames_of_cells_wait_for_other_messages_and_are_dropped_whole() {
     let mut session = streaming();
@@ -731,7 +732,7 @@ fn frames_of_cells_wait_for_other_messages_and_are_dropped_whole() {
     assert_eq!(all(&mut session), [Sent::CellStream(None)]);
 }
 
-/// Passes a frame to a session as the insole does: computes ellipses only if they are due.
+/// Queues the ellipses of a frame if they are due, as the insole does.
 fn push_ellipses(session: &mut Session, frame: u32) {
     if let Some(sequence) = session.ellipses.due() {
         session.ellipses.push(Ellipses { sequence, t_us: frame.into(), regions: Default::default() });
@@ -790,7 +791,7 @@ fn one_of_every_n_scans_is_sent() {
 }
 
 #[test]
-fn the_configuration_is_read_in_parts_and_refused_without_a_layout() {
+fn the_set_up_is_read_in_parts_and_refused_without_a_layout() {
     let mut session = streaming();
     session.receive(ToDevice::GetSetup, 0);
     session.receive(ToDevice::GetSetupCells { first: 0 }, 0);
@@ -845,7 +846,7 @@ fn settings_replace_values_of_the_board() {
 }
 
 #[test]
-fn identified_parameters_are_accepted_with_their_contact_rule_only() {
+fn identified_parameters_are_accepted_only_if_their_contact_rule_is_in_force() {
     let mut session = streaming();
     let identified = Identified {
         contact: SETUP.contact,
@@ -874,7 +875,8 @@ fn identified_parameters_are_accepted_with_their_contact_rule_only() {
     session.receive(ToDevice::GetIdentified, 0);
     assert_eq!(all(&mut session), [Sent::Tissue(TISSUE.id), Sent::Identified(None)]);
     assert_eq!(session.tracked_regions(), 0);
-    // The forces of a step record are not those of the filter of the live stream.
+    // Tracking compares the forces of step records, which are computed with the direct filter, so parameters that were
+    // identified with the filter of the live stream are not tracked.
     let identified = Identified { filter: AreaFilter::Live, ..identified };
     session.receive(ToDevice::SetIdentifiedTissue { tissue: *TISSUE, identified }, 0);
     session.complete(Ok(CommandResult::Stored));

@@ -72,7 +72,7 @@ where
 impl Options {
     /// The shoe size.
     pub fn size(&self) -> PyResult<InsoleSize> {
-        InsoleSize::try_from(self.size).map_err(PyValueError::new_err)
+        self.size.to_string().parse().map_err(PyValueError::new_err::<String>)
     }
 
     /// Filter, method and bounds of the search.

@@ -8,16 +8,14 @@ use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
 use parameters::{Identified, Parameters};
 use plantar::insole::Insole;
-use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::step::StepRecord;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::Step;
-use plantar::{Real, Region, Side};
+use plantar::{Real, Region};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use recording::{MAX_CELLS, Scan, VirtualInsole, Zero};
 use std::path::PathBuf;
-use study::records::step_row;
+use study::records::{step_columns, step_row};
 use study::{frames, virtual_insole};
 
 /// The result of a replay.
@@ -80,25 +78,9 @@ pub fn replay(
         let Replayed { steps, frames } =
             replayed().with_context(|| format!("{path}: the recording cannot be evaluated")).map_err(exception)?;
         let rows: Vec<_> = steps.iter().flat_map(|step| (0..Region::ALL.len()).map(|i| step_row(step, i))).collect();
-        let steps = PyArrowType(table(&step_row(&placeholder(), 0), &rows)?);
+        let steps = PyArrowType(table(&step_columns(), &rows)?);
         let frames = if with_frames { Some(PyArrowType(numbers(&frames::column_names(), frames)?)) } else { None };
         Ok((steps, frames, notes))
-    })
-}
-
-/// A step without values, for the names and types of the columns of a table that may have no rows.
-fn placeholder() -> Step {
-    Step::new(&StepRecord::<f32> {
-        side: Side::Left,
-        step: 0,
-        start_us: 0,
-        duration_us: 0,
-        sample_us: 0,
-        bridged_frames: 0,
-        saturated: 0,
-        contact_rule: ContactRule::COVERED,
-        foot: Default::default(),
-        regions: Default::default(),
     })
 }
 

@@ -282,7 +282,7 @@ def test_files_that_are_not_directly_in_a_participants_folder_are_left_out_and_n
     for cached in (0, 4):
         assert cohort.main([str(study), "--out", str(tmp_path / "table")]) == 3
         captured = capsys.readouterr()
-        assert f"{cached} participants were already up to date" in captured.out
+        assert f"; participants already up to date: {cached}" in captured.out
         left_out = [line for line in captured.err.splitlines() if line.startswith("left out: ")]
         assert len(left_out) == len(expected), captured.err
         for line, (name, reason) in zip(left_out, expected, strict=True):
@@ -405,7 +405,7 @@ def test_incomplete_results_are_named_and_a_shared_file_in_object_storage_is_rea
     for cached in range(2):
         assert cohort.main(["memory://shared/study", "--out", "memory://shared/table"]) == 3
         out, text = capsys.readouterr()
-        assert f"; {cached} participants were already up to date" in out
+        assert f"; participants already up to date: {cached}" in out
         assert "incomplete: ann, 0.parquet, heel: measurements contradict each other" in text and "left out" not in text
     memory.pipe("/shared/study/tissue.toml", b"heel = 17")
     assert cohort.main(["memory://shared/study", "--out", "memory://shared/table"]) == 0

@@ -17,8 +17,9 @@ pub struct ContactRule {
     /// 0: a cell in contact counts with its whole area, as in the paper that [`crate::pipeline::model`] implements. From `on_kpa`
     /// to 2000 kPa: a cell counts with the share `sqrt(p / full_kpa)` of its area, at most 1, where p is its pressure, because a
     /// low reading at the edge of a contact comes from a cell that the foot covers in part. Deformation rises from 0 at the edge
-    /// in proportion to the distance from the edge (Eq. 3 of the paper), so a cell of which the share s is covered reads s^2
-    /// times the pressure of a cell that is just fully covered. The larger `full_kpa` is, the more the area depends on pressure.
+    /// in proportion to the distance from the edge (Eq. 3 of the paper). With a pressure in proportion to the deformation, a cell
+    /// of which the share s is covered then reads s^2 times the pressure of a cell that is just fully covered. The larger
+    /// `full_kpa` is, the more the area depends on pressure.
     pub full_kpa: f32,
 }
 
@@ -64,8 +65,8 @@ pub struct ContactCell {
     off: u16,
     /// Code from which on the cell counts with its whole area; 0 if the rule counts whole cells only.
     full: u16,
-    /// Square of the share, in units of 1/[`WHOLE`], per kPa on the common sensor curve of all cells; unused if `full` is below
-    /// `off`.
+    /// Square of the share, in units of 1/[`WHOLE`], per kPa on the common sensor curve of all cells; used only if `full` is
+    /// above `off`.
     squared_shares_per_kpa: f32,
     /// The present share, in units of 1/[`WHOLE`].
     share: u16,
@@ -79,8 +80,7 @@ impl ContactCell {
     /// An unloaded cell. Its thresholds are codes that include its offset. `residual_kpa` is the pressure of its baseline on the
     /// sensor curve, kPa; the pressures of the rule are added to it.
     pub fn new(rule: &ContactRule, curve: &Curve, cell: &CellCalibration, residual_kpa: f32) -> Self {
-        // The code is one below that of the threshold, so that a pressure of exactly the threshold is in contact after
-        // quantisation.
+        // One less than the first code at the pressure, so that a pressure equal to a threshold is in contact after quantisation.
         let code_at = |kpa: f32| {
             let code = curve.first_code_at(kpa / cell.gain + residual_kpa).saturating_sub(1).max(1);
             code.saturating_add(cell.offset).min(FULL_CODE)
@@ -120,8 +120,9 @@ impl ContactCell {
         i32::from(self.share) - i32::from(before)
     }
 
-    /// Processes a code for which [`ContactCell::is_unchanged`] is true: updates the share if the cell is in contact in part.
-    /// Returns the change of the share, as [`ContactCell::update`] does.
+    /// Updates the share of a cell that is in contact in part; no other share changes. To be called for every code above zero
+    /// pressure if the rule has covered shares, after [`ContactCell::update`] if [`ContactCell::is_unchanged`] is false. Returns
+    /// the change of the share, as [`ContactCell::update`] does.
     #[inline(always)]
     pub fn update_part(&mut self, curve_kpa: f32) -> i32 {
         let before = self.share;
@@ -132,11 +133,12 @@ impl ContactCell {
         i32::from(self.share) - i32::from(before)
     }
 
-    /// The share of a cell that is in contact in part.
+    /// The share of a cell that is in contact in part, rounded, but less than [`WHOLE`].
     #[inline(always)]
     fn part(&self, curve_kpa: f32) -> u16 {
+        let share = Real::sqrt(curve_kpa * self.squared_shares_per_kpa);
         // The clamped number fits into 16 bits. The FPU has an instruction for a conversion to 32 bits.
-        (Real::sqrt(curve_kpa * self.squared_shares_per_kpa) as u32).clamp(1, u32::from(WHOLE) - 1) as u16
+        ((share + 0.5) as u32).clamp(1, u32::from(WHOLE) - 1) as u16
     }
 
     /// The present share, in units of 1/[`WHOLE`].
@@ -155,7 +157,8 @@ impl ContactCell {
         (2 * u32::from(self.on)).saturating_sub(baseline.into())
     }
 
-    /// Requests [`ContactCell::update`] for codes from `code` on, in addition to those that change the share.
+    /// Requests [`ContactCell::update`] for codes from `code` on, in addition to those that change the share. The next update
+    /// ends the request, as it does for those of the following functions.
     pub(crate) fn notify_at(&mut self, code: u32) {
         self.span = code.saturating_sub(self.low).min(self.span);
     }

@@ -40,7 +40,8 @@ impl Settings {
             && SCALE.contains(&self.scale)
     }
 
-    /// The configuration `setup` of a board with these settings.
+    /// The board's configuration `setup` with these settings in force. The scale is not part of it: [`Settings::scaled`] applies
+    /// it to each cell.
     pub fn apply_to(&self, setup: Setup) -> Setup {
         Setup { contact: self.contact, stance: self.stance, period_us: self.period_us, ..setup }
     }
@@ -53,7 +54,7 @@ impl Settings {
         cell
     }
 
-    /// Identifies the layout `layout_id` with these settings, for [`super::Hello::layout_id`].
+    /// An identifier of the layout `layout_id` with these settings, for [`super::Hello::layout_id`].
     pub fn id(&self, layout_id: u32) -> u32 {
         let Self { contact, stance, period_us, scale } = *self;
         let rules = [contact.on_kpa, contact.off_kpa, contact.full_kpa, stance.strike_n, stance.release_n, scale];

@@ -18,8 +18,8 @@ pub const CELLS: usize = 40;
 /// Identifier of the insole's layout.
 const LAYOUT: u32 = 7;
 
-/// An action on a store, which takes several write and erase operations of the chip. The stored value is computed from the
-/// number in the variant.
+/// An action on a store, which can take several write and erase operations of the chip, or none. The number of a variant that
+/// stores a value determines this value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Action {
     Tissue(u16),
@@ -74,8 +74,9 @@ fn identity(value: u16) -> IdentityRecord {
     IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("the serial number is valid") }
 }
 
+/// Bonds with a length of 40 bytes to [`MAX_BONDS_BYTES`], which they have for 0.
 fn bonds(value: u16) -> Bonds {
-    let len = 40 + usize::from(value) % (MAX_BONDS_BYTES - 40);
+    let len = MAX_BONDS_BYTES - usize::from(value) % (MAX_BONDS_BYTES - 40 + 1);
     Bonds((0..len).map(|i| (usize::from(value) + i) as u8).collect())
 }
 
@@ -244,7 +245,7 @@ impl Script {
         let again = [
             Action::Tissue(1),
             Action::Identity(2),
-            Action::Bonds(3),
+            Action::Bonds(0),
             Action::Calibration(4),
             Action::Step,
             Action::AcknowledgeAllBut(1),

@@ -55,8 +55,9 @@ fn is_supplied() -> bool {
 /// Time in which a chip leaves its power-down mode, us. A W25Q needs 3 us, and chips of other manufacturers up to 30 us.
 const WAKE_US: u64 = 30;
 
-/// Opens the chip once its supply is high enough and it is ready; the caller limits the time. Returns `None` if the chip does not
-/// return the same valid identity each time: a missing chip reads 0, and so does one that does not work yet.
+/// Opens the chip once its supply is high enough and it is ready; the caller limits the time. Returns `None` unless each read of
+/// the identity shows the manufacturer of these chips and the same capacity, at least [`SMALLEST_CHIP`]. Without a chip, and from
+/// one that does not work yet, the controller reads 0.
 pub async fn open(
     spi: Peri<'static, SPI2>,
     clock: Peri<'static, PB13>,

@@ -400,7 +400,7 @@ def _address(path: str | os.PathLike[str]) -> str:
 
 def _options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the evaluation, which are options of ``plantar cohort``."""
-    parser.add_argument("--size", type=int, default=42, help="European shoe size of participants without a size [42]")
+    parser.add_argument("--size", type=int, default=42, help="whole European shoe size of participants without a size [42]")
     filters = "filter of the contact area [direct, or smoothed with --method paper]"
     parser.add_argument("--filter", choices=["direct", "live", "smoothed"], help=filters)
     method = "method of the identification [projection]"
@@ -455,9 +455,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for path in _without_folder(out, [outcome.participant for outcome in outcomes]):
         problem = "but this participant has no folder: remove the file unless you need it"
         print(f"note: the table has {path}, {problem}", file=sys.stderr)
+    steps = sum(outcome.steps for outcome in fitted)
     print(
-        f"wrote {out}: {sum(outcome.steps for outcome in fitted)} steps of {len(fitted)} participants in "
-        f"{time.monotonic() - start_s:.1f} s; {cached_count} participants were already up to date"
+        f"wrote {out}: {steps} step{'' if steps == 1 else 's'} of {len(fitted)} participant{'' if len(fitted) == 1 else 's'} in "
+        f"{time.monotonic() - start_s:.1f} s; participants already up to date: {cached_count}"
     )
     return 3 if left_out or incomplete else 0
 

@@ -119,9 +119,9 @@ def fit(fitted: Fit) -> Figure:
 def _spread(places: npt.NDArray[np.float64], distance: float) -> npt.NDArray[np.float64]:
     """Moves the places, in the same order along the axis, so that neighbours are at least ``distance`` apart."""
     order = np.argsort(places, kind="stable")
-    # With a multiple of the distance subtracted from each place, the places must not decrease. Places that would decrease form a
-    # group and all have its mean, so that the group as a whole is not moved. A group that reaches the one before is merged with
-    # it.
+    # Least squares with the condition that neighbours are far enough apart: rank times the distance is subtracted from each
+    # place, and the results must not decrease (isotonic regression). Places that would decrease form a group and all have its
+    # mean, so that the group as a whole is not moved. A group that reaches the one before is merged with it.
     groups: list[list[float]] = []
     for rank, place in enumerate(places[order]):
         groups.append([place - rank * distance])

@@ -18,11 +18,12 @@ impl Persist<'_> {
         self.shared.frames_before.set(None);
     }
 
-    /// Stores a record. Returns true if the session must also hold it in RAM, because it follows the records there or could not
-    /// be stored, and false if it will be loaded from the log later, or is lost.
+    /// Stores a record. Returns true if the session must also hold it in RAM, because no record between those in RAM and this one
+    /// is in the log only, or because it could not be stored; false if it will be loaded from the log later, or is lost.
     async fn store_record(&mut self, store: &mut Store<impl MultiwriteNorFlash>, record: &LoadRecord) -> bool {
         if matches!(record, LoadRecord::Alert(_)) {
-            // An alert must not be raised again after a loss of power.
+            // The load of the day contains the state of the alerts. It is stored at once, so that this alert is not raised again
+            // after a loss of power.
             self.daily_load_at = Instant::now();
         }
         match store.push_record(record).await {
@@ -36,9 +37,10 @@ impl Persist<'_> {
                 self.shared.count_not_stored();
                 let may_be_in_log = self.was_log_read || store.may_have_records();
                 let mut session = self.shared.session.borrow_mut();
-                // If this record were in RAM, only those after it would be loaded from the log. It is dropped, because those
-                // before it, which are in the log only or would have to leave the RAM, are more numerous. A log that cannot be
-                // read yet may contain such records, too.
+                // Only records after the newest one in RAM are loaded from the log. With this record in RAM, earlier records that
+                // are only in the log would not be sent, and the acknowledgement of this record would delete them; a full RAM
+                // would drop its oldest record. Therefore this record is dropped. A log that cannot be read yet may also contain
+                // earlier records.
                 let is_lost = may_be_in_log && (self.has_more_in_log || !session.has_room());
                 session.count_dropped(is_lost.into());
                 !is_lost
@@ -46,8 +48,8 @@ impl Persist<'_> {
         }
     }
 
-    /// Stores the newest acknowledgement of a host: deletes a part of the acknowledged records, so that new records are stored,
-    /// and the heartbeat of this task goes on, between this part and the next.
+    /// Stores the newest acknowledgement of a host. Each call deletes a part of the acknowledged records, so that between two
+    /// parts this task stores new records and reports its heartbeat.
     pub(super) async fn store_acknowledgement(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         let acknowledged = self.shared.session.borrow_mut().take_acknowledged();
         if acknowledged.is_some() {

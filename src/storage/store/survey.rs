@@ -21,7 +21,7 @@ const CONTRADICTIONS_TO_GIVE_UP: u32 = 4;
 struct Survey {
     /// Number of records, of all versions.
     records: Result<u32, StorageError>,
-    /// Number of entries in the newest sectors of the log, or in all of them.
+    /// Number of entries in the newest sectors of the log or, if the whole log was read, in all its sectors; see `survey_log`.
     log: Result<u32, StorageError>,
     boots: Result<Option<BootCounters>, StorageError>,
     contents: Contents,
@@ -33,7 +33,7 @@ impl Survey {
     // A new chip is blank. An area with foreign data, or damaged beyond repair, could not store anything unless it is erased. It
     // is not erased if anything in it can be read, because a newer firmware may have written the rest.
 
-    /// True if the chip must be repaired, or an area erased, before the store can use it.
+    /// True if the store must change the chip before it can use it: repair or erase a part, or begin to use a blank area.
     fn needs_change(&self) -> bool {
         self.needs_repair || self.has_no_records() || self.has_no_log()
     }
@@ -84,8 +84,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.used_for = Use::All;
         self.guard.is_read_only = true;
         // The first reads after power-on may be wrong, so two surveys in a row must agree. Before an area is written, repaired or
-        // erased because it is empty or damaged, all of its bytes must agree, too; reading them takes half a second for a log of
-        // 1 MiB.
+        // erased because it is empty or damaged, all of its bytes must agree, too; each reading takes half a second for a log of
+        // 1 MiB, and some 7 s for that of a chip of 16 MiB.
         let mut survey = self.survey().await;
         let agreed = loop {
             let areas = self.areas(&survey).await;
@@ -129,7 +129,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Erases the areas that have contents but cannot be used. A chip that fails here fails again at the next write, which is
     /// reported.
     async fn clear(&mut self, survey: &Survey, [records, log]: [Area; 2]) {
-        // This firmware has used the chip before if boots are counted in the chip, or its log has the number of a record.
+        // This firmware has used the chip before if it contains a count of boots, or if its log shows that records were numbered.
         let is_in_use = matches!(survey.boots, Ok(Some(_))) || self.contents.next_record != 0;
         if survey.has_no_records() {
             let is_lost = is_in_use || records.has_data_after_first_entry;
@@ -137,8 +137,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
         if survey.has_no_log() {
             let numbering: Option<NumberingRecord> = self.get(0).await.ok().flatten();
-            // If this record exists, an erasure of the wearer's data was interrupted, or no start has confirmed it yet. The log
-            // was to be erased, so none of its contents count as lost.
+            // If this record exists, an erasure of the wearer's data was interrupted, or no start since then has found the number
+            // of the record in the log. The log was to be erased, so none of its contents count as lost.
             let is_lost = numbering.is_none() && (is_in_use || log.has_data_after_first_entry);
             self.is_log_foreign = self.clear_area(self.log.range(), log, is_lost).await.is_err();
             // From here on the log always has an entry, so that numbering continues after a restart.
@@ -162,7 +162,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let _ = self.push_mark(next).await;
     }
 
-    /// Reads all bytes of both areas if one of them must be changed.
+    /// The summaries of both areas (records and log), for which all their bytes are read; `None` if no area must be changed.
     async fn areas(&mut self, survey: &Survey) -> Option<[Area; 2]> {
         if !survey.needs_change() {
             return None;
@@ -232,8 +232,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(count)
     }
 
-    /// Counts the entries in the newest sectors of the log, and determines the number of the next load record. Reads the whole
-    /// log for a repair, or if these sectors have no entry in a format that this firmware knows.
+    /// Counts the entries in the newest sectors of the log, and determines the number of the next load record. The oldest entry
+    /// of the log is read, too: if its format is newer, at least one newer entry is counted. Reads the whole log for a repair, if
+    /// the marks do not show the newest sectors, or if these have no entry in a format that this firmware knows.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
         // While `sequential-storage` reads the log, it erases sectors of which all entries were deleted. A read-only survey
         // postpones these erasures. A survey that repairs reads the whole log: if it read only a part, `sequential-storage` could
@@ -250,8 +251,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
             if newest.known == 0 {
                 self.contents.next_record = first_number;
             }
-            // The number follows from entries in a known format. If the newest sectors have none, all entries are read, otherwise
-            // only the oldest one.
+            // The number follows from entries in a known format. If the newest sectors have none, all entries are read; otherwise
+            // only the oldest one is read, to notice that its format is newer.
             count = self.count_entries(self.log.range(), if newest.known == 0 { u32::MAX } else { 1 }).await;
             if let Ok(oldest) = &mut count
                 && newest.known > 0
@@ -270,8 +271,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         count.map(|count| count.known + count.newer)
     }
 
-    /// Counts the first `at_most` entries in these sectors of the log. The number of the next load record follows from the last
-    /// one.
+    /// Counts the first `at_most` entries in these sectors of the log, and sets the number of the next load record to that after
+    /// the last of these entries.
     async fn count_entries(&mut self, sectors: Range<u32>, at_most: u32) -> Result<Count, StorageError> {
         let Self { flash, guard, buffer, contents, .. } = self;
         Sectors::new(sectors)
@@ -286,7 +287,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
                             count.known += 1;
                             contents.next_record = entry.next_record();
                         }
-                        // An entry of newer firmware has a number, too.
+                        // An entry in a newer format is taken for a load record, which has a number.
                         None => {
                             count.newer += 1;
                             contents.next_record = contents.next_record.wrapping_add(1);

@@ -32,7 +32,7 @@ impl Frame {
     }
 }
 
-/// A step on the clock of the session.
+/// A step, with its times on the clock of the recordings.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedStep {
     /// Time of the heel strike, s.
@@ -85,7 +85,7 @@ impl Foot {
             content("tissue parameters", format!("the insole refuses them ({error})"), remedy)
         })?;
         let last = recording.frames() - 1;
-        let frame_s = |i: usize| recording.t_s[i.min(last)] + i.saturating_sub(last) as f64 / recording.rate_hz;
+        let time_of_frame_s = |i: usize| recording.t_s[i.min(last)] + i.saturating_sub(last) as f64 / recording.rate_hz;
         let (mut frames, mut steps) = (Vec::<Frame>::with_capacity(recording.frames()), Vec::new());
         let mut scans = virtual_insole.scans(&recording);
         while let Some(Scan { index, t_s, codes }) = scans.next_scan()? {
@@ -97,7 +97,7 @@ impl Foot {
                 let end = start + virtual_insole.frame_at(step.duration_us.into());
                 // The insole confirms a toe off some frames later.
                 frames.iter_mut().skip(end).for_each(|frame| frame.cop_mm = None);
-                steps.push(TimedStep { heel_strike_s: frame_s(start), toe_off_s: frame_s(end), step });
+                steps.push(TimedStep { heel_strike_s: time_of_frame_s(start), toe_off_s: time_of_frame_s(end), step });
             }
             // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the
             // next step.
@@ -122,7 +122,7 @@ impl Foot {
 
     /// The index of the frame that is nearest to `t_s`.
     fn nearest(&self, t_s: f64) -> usize {
-        let after = self.t_s.partition_point(|frame_s| *frame_s < t_s).min(self.t_s.len() - 1);
+        let after = self.t_s.partition_point(|of_frame_s| *of_frame_s < t_s).min(self.t_s.len() - 1);
         let is_before = after > 0 && t_s - self.t_s[after - 1] <= self.t_s[after] - t_s;
         after - usize::from(is_before)
     }
@@ -200,8 +200,8 @@ impl Session {
     /// if they are nearest in time, so those of the right foot are late or early by at most half a frame period.
     ///
     /// # Errors
-    /// Fails if both recordings are of the same foot, one of them has the clock of its insole, they have no frame between these
-    /// times in common, or they have different rates or clocks that drift apart.
+    /// Fails if both recordings are of the same foot, if there are two and one is on the clock of its insole, if they have no
+    /// frame between these times in common, or if they have different rates or clocks that drift apart.
     ///
     /// # Panics
     /// Panics if `feet` is empty.
@@ -246,7 +246,8 @@ impl Session {
             let apart_s = t_s.iter().zip(&foot.t_s).map(|(t_s, other_s)| (t_s - other_s).abs()).fold(0.0, f64::max);
             // Frames that are nearest in time are at most half a frame period apart, but for rounding errors.
             if apart_s * rate_hz > 0.51 || !recording::is_same_rate(foot.rate_hz, rate_hz) {
-                let problem = format!("the feet differ in frame times or rates ({} and {rate_hz} Hz)", foot.rate_hz);
+                let rates = format!("{:.2} and {rate_hz:.2} Hz", foot.rate_hz);
+                let problem = format!("the feet differ in frame times or rates ({rates})");
                 return Err(content(&foot.file, problem, "import both feet with the same --rate, such as --rate 100"));
             }
         }
@@ -290,13 +291,14 @@ impl Session {
     }
 }
 
-/// The quantities of a step as a whole, without `start_s`, which is not on the clock of the session (`heel_strike_s` is), and
+/// The quantities of a step as a whole, without `start_s`, which is not on the clock of the recordings (`heel_strike_s` is), and
 /// `starts_ago`, which is 0 in every recording.
 pub(crate) fn of_whole_step() -> impl Iterator<Item = &'static plantar::protocol::Quantity<Step>> {
     Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name))
 }
 
-/// An error in the content of a recording or in an option of the export. `place` is the recording or the output.
+/// An error in the content of a recording, in the parameters or in an option of the export. `place` names what the message is
+/// about: the recordings, the parameters or the output.
 pub(crate) fn content(place: &str, problem: String, remedy: &str) -> Error {
     Error::Content { place: place.into(), problem, remedy: remedy.into() }
 }

@@ -1,4 +1,4 @@
-"""Reads an exported file with an independent program, and prints its content as JSON.
+"""Reads an exported file with an independent library or program, and prints its content as JSON.
 
 Arguments: the reader (ezc3d, c3d, opensim, scipy, pandas, bids or mcap) and the path. The object has these keys, as far as the
 format or the reader has them:
@@ -9,8 +9,8 @@ format or the reader has them:
 - `units`: the unit of each channel by its name
 - `events`: pairs of a time in s and a name
 - `event_count`, `frames`: the numbers of events and of frames that the file states
-- `feet`: for each side the layout or the positions of the cells, their pressures, the steps, the source, and the times of the
-  events
+- `feet`: for each side: the layout (or only the positions) of the cells, their pressures, the steps, the source, and the times
+  of the events
 - `errors`, `warnings`: the findings of the validator of BIDS
 """
 
@@ -183,15 +183,16 @@ def read_mcap(path):
             messages.setdefault(channel.topic, []).append((message.log_time, content))
             if schema.name == "plantar.Frame":
                 side = channel.topic.split("/")[1]
-                units |= {f"{side}_{name}": of["description"].split(", ")[-1] for name, of in properties.items()}
+                units |= {f"{side}_{name}": schema_of["description"].split(", ")[-1] for name, schema_of in properties.items()}
     found = {"rate_hz": float(metadata["plantar"]["rate_hz"]), "channels": {}, "units": units, "events": [], "feet": {}}
-    for topic, of_topic in messages.items():
+    for topic, topic_messages in messages.items():
         _, side, kind = topic.split("/")
         foot = found["feet"].setdefault(side, {"source": metadata["plantar"][f"{side}_source"]})
-        times_s = [log_time / 1e9 for log_time, _ in of_topic]
-        contents = [content for _, content in of_topic]
+        times_s = [log_time / 1e9 for log_time, _ in topic_messages]
+        contents = [content for _, content in topic_messages]
         if kind == "frame":
-            found["t_s"] = times_s
+            # The frames of both feet have the same times.
+            assert found.setdefault("t_s", times_s) == times_s
             names = (name[len(side) + 1 :] for name in units if name.startswith(side))
             found["channels"] |= {f"{side}_{name}": [content.get(name) for content in contents] for name in names}
         elif kind == "pressure":

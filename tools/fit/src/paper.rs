@@ -1,10 +1,10 @@
 //! The identification of the paper, for comparison. A general solver searches eight variables within bounds from several random
 //! starts. It minimises the sum of Eq. 18 with the penalty of Eq. 19.
 //!
-//! The bounds of the paper (its Appendix A) and its penalty factor P are not published; the values here are this project's
-//! choice. The logarithms of k and c are searched instead of k and c, because otherwise the solver rarely converges. The
-//! constraint that pi A B exceeds every contact area is not stated in the paper and is not enforced here. If a result violates
-//! it, the device flags the step as clamped.
+//! The bounds of the paper and its penalty factor P are not published; the values here are this project's choice. The
+//! logarithms of k and c are searched instead of k and c, because otherwise the solver rarely converges. The constraint that
+//! pi A B exceeds every contact area is not stated in the paper and is not enforced here. If a result violates it, the device
+//! flags the step as clamped.
 
 use crate::Samples;
 use crate::fixed::{FixedParameters, Scale};
@@ -14,8 +14,8 @@ use std::cell::Cell;
 /// Number of random starts. The result is the best of the minima.
 pub const STARTS: u64 = 10;
 
-/// Bounds of A, B, C and d0 (m), ln k, n, ln c, m for the European size 42. The lengths are scaled to the size, as the bounds
-/// of the paper depend on the insole size.
+/// Bounds of A, B, C and d0 (in metres), ln k, the exponent n, ln c and the exponent m, for the European size 42. The lengths
+/// are scaled to the size, as the bounds of the paper depend on the insole size.
 const BOUNDS: [(f64, f64); 8] = [
     (0.002, 0.08),
     (0.002, 0.08),
@@ -93,7 +93,8 @@ fn ellipsoid(x: &[f64]) -> Ellipsoid<f64> {
     Ellipsoid { a_m: x[0], b_m: x[1], c_m: x[2], d0_m: x[3], k: x[4].exp(), n: x[5], c: x[6].exp(), m: x[7] }
 }
 
-/// The sum of Eq. 18 with the penalty of Eq. 19 as printed. Each residual is multiplied by its weight, see [`Samples`].
+/// The sum of Eq. 18 with the penalty of Eq. 19 exactly as printed, although this reduces the magnitude of a small negative
+/// force (docs/identification.md). Each residual is multiplied by its weight, see [`Samples`].
 fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
     let mut sum = 0.0;
     for (i, (g, rate_per_s)) in samples.deformation(&ellipsoid.force_law()).enumerate() {

@@ -3,13 +3,11 @@
 
 use crate::{DeformationScale, Parameters};
 use plantar::pipeline::model::Ellipsoid;
-use serde::Deserialize;
 use std::fmt;
 use std::str::FromStr;
 
-/// European shoe size, 35 to 46 as in Table 1 of the paper (DeBerardinis et al. 2019).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "i64")]
+/// Whole European shoe size, 35 to 46 as in Table 1 of the paper (DeBerardinis et al. 2019).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InsoleSize(u8);
 
 impl FromStr for InsoleSize {
@@ -18,16 +16,8 @@ impl FromStr for InsoleSize {
     fn from_str(text: &str) -> Result<Self, String> {
         match text.parse() {
             Ok(size @ 35..=46) => Ok(Self(size)),
-            _ => Err(format!("{text}: a European shoe size from 35 to 46 is required")),
+            _ => Err(format!("{text}: a whole European shoe size from 35 to 46 is required")),
         }
-    }
-}
-
-impl TryFrom<i64> for InsoleSize {
-    type Error = String;
-
-    fn try_from(size: i64) -> Result<Self, String> {
-        size.to_string().parse()
     }
 }
 

@@ -5,12 +5,14 @@ use serde::{Deserialize, Deserializer, de};
 use std::fmt;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
+use toml::Value;
 
 /// The content of a `participant.toml`. All entries are optional.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Participant {
     /// European shoe size.
+    #[serde(default, deserialize_with = "size")]
     pub size: Option<InsoleSize>,
     /// Age, 1 to 120 years.
     #[serde(default, deserialize_with = "age_years")]
@@ -25,10 +27,11 @@ pub struct Participant {
     #[serde(default, deserialize_with = "height_cm")]
     pub height_cm: Option<f64>,
     /// Path of the file with the zeros (unloaded readings) of the insoles, as `plantar zero` writes it.
+    #[serde(default, deserialize_with = "file")]
     pub zero: Option<PathBuf>,
     /// Path of the file with measurements of the tissue; see [`crate::TissueMeasurements`]. The entry is named `tissue`, like the
     /// option `--tissue`, or `thickness`, as earlier.
-    #[serde(alias = "thickness")]
+    #[serde(alias = "thickness", default, deserialize_with = "file")]
     pub tissue: Option<PathBuf>,
 }
 
@@ -88,6 +91,24 @@ impl Participant {
     }
 }
 
+/// A value as in the file; only the type of a list or a table.
+fn in_words(value: &Value) -> String {
+    match value {
+        Value::String(text) => format!("{text:?}"),
+        Value::Integer(number) => number.to_string(),
+        Value::Float(number) => number.to_string(),
+        Value::Boolean(flag) => flag.to_string(),
+        Value::Datetime(time) => time.to_string(),
+        Value::Array(_) => "a list".into(),
+        Value::Table(_) => "a table".into(),
+    }
+}
+
+fn size<'de, D: Deserializer<'de>>(from: D) -> Result<Option<InsoleSize>, D::Error> {
+    let text = in_words(&Value::deserialize(from)?);
+    text.parse().map(Some).map_err(|problem| de::Error::custom(format!("size = {problem}")))
+}
+
 fn age_years<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
     within(from, "age_years", "the age of the person in years", 1.0..=120.0)
 }
@@ -107,20 +128,29 @@ fn within<'de, D: Deserializer<'de>>(
     meaning: &str,
     range: RangeInclusive<f64>,
 ) -> Result<Option<f64>, D::Error> {
-    match f64::deserialize(from)? {
-        value if range.contains(&value) => Ok(Some(value)),
-        value => {
-            let (low, high) = (range.start(), range.end());
-            Err(de::Error::custom(format!("{key} = {value}: expected {meaning}, {low} to {high}")))
-        }
-    }
+    let value = Value::deserialize(from)?;
+    let number = value.as_float().or(value.as_integer().map(|number| number as f64));
+    number.filter(|number| range.contains(number)).map(Some).ok_or_else(|| {
+        let (low, high) = (range.start(), range.end());
+        de::Error::custom(format!("{key} = {}: expected {meaning}, {low} to {high}", in_words(&value)))
+    })
 }
 
 fn sex<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Sex>, D::Error> {
-    let text = String::deserialize(from)?;
-    let known = Sex::ALL.into_iter().find(|sex| sex.name() == text);
+    let value = Value::deserialize(from)?;
+    let known = Sex::ALL.into_iter().find(|sex| value.as_str() == Some(sex.name()));
     known.map(Some).ok_or_else(|| {
-        de::Error::custom(format!("sex = {text:?}: expected the sex of the person, \"female\", \"male\" or \"other\""))
+        let value = in_words(&value);
+        de::Error::custom(format!("sex = {value}: expected the sex of the person, \"female\", \"male\" or \"other\""))
+    })
+}
+
+fn file<'de, D: Deserializer<'de>>(from: D) -> Result<Option<PathBuf>, D::Error> {
+    let value = Value::deserialize(from)?;
+    let path = value.as_str().map(PathBuf::from);
+    path.map(Some).ok_or_else(|| {
+        let value = in_words(&value);
+        de::Error::custom(format!("{value}: expected the path of a file, in quotation marks"))
     })
 }
 
@@ -162,11 +192,19 @@ mod tests {
             ("mass_kg = nan", ["mass_kg = NaN", "10 to 300"]),
             ("height_cm = 1.66", ["height_cm = 1.66", "cm, 50 to 250"]),
             ("sex = 'F'", ["sex = \"F\"", "\"female\", \"male\" or \"other\""]),
-            ("size = 34", ["34", "from 35 to 46"]),
+            ("size = 34", ["size = 34", "whole European shoe size from 35 to 46"]),
+            ("size = 41.5", ["size = 41.5", "whole European shoe size from 35 to 46"]),
+            ("size = 'M'", ["size = \"M\"", "whole European shoe size from 35 to 46"]),
+            ("age_years = 'old'", ["age_years = \"old\"", "1 to 120"]),
+            ("mass_kg = true", ["mass_kg = true", "10 to 300"]),
+            ("sex = 1", ["sex = 1", "\"female\", \"male\" or \"other\""]),
+            ("zero = 3", ["zero = 3", "3: expected the path of a file"]),
+            ("thickness = [17]", ["thickness = [17]", "a list: expected the path of a file"]),
         ] {
             let message = parse(text).expect_err(text);
             assert!(message.starts_with("study/ann/participant.toml: "), "{message}");
             assert!(words.iter().all(|words| message.contains(words)), "{words:?}: {message}");
+            assert!(!message.contains("invalid type"), "{message}");
         }
     }
 }

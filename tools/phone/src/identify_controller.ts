@@ -7,7 +7,7 @@ import { IdentifySession, type IdentifyStorage } from "./identify_session";
 import { DatabaseIdentifyStorage } from "./identify_storage";
 import { drawIdentify } from "./identify_view";
 import type { Answer, Request } from "./identify_worker";
-import { failed } from "./indexed_db";
+import { failureOf } from "./indexed_db";
 import type { Insoles } from "./insoles";
 import { type InsoleAnswer, totalForce } from "./session";
 import { type Settings, saveSettings } from "./settings";
@@ -16,7 +16,7 @@ import { SIDES } from "./side";
 /** The storage that is used if the browser has no database. It stores nothing. */
 const NO_STORAGE: IdentifyStorage = {
   load: () => Promise.resolve([]),
-  add: () => Promise.reject(failed(null)),
+  add: () => Promise.reject(failureOf(null)),
   clear: () => Promise.resolve(),
 };
 

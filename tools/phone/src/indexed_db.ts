@@ -1,13 +1,13 @@
-/** Promises of the operations of the browser's database. */
+/** Wraps operations of the browser's database (IndexedDB) in promises. */
 
 /** The error to report for a failed operation. `error` is the browser's reason; `null` if it states none. */
-export const failed = (error: DOMException | null) => error ?? new Error("The browser's database failed.");
+export const failureOf = (error: DOMException | null) => error ?? new Error("The browser's database failed.");
 
 /** Resolves with the result of a request. */
 export function resultOf<T>(request: IDBRequest<T>): Promise<T> {
   return new Promise((resolve, reject) => {
     request.onsuccess = () => resolve(request.result);
-    request.onerror = () => reject(failed(request.error));
+    request.onerror = () => reject(failureOf(request.error));
   });
 }
 
@@ -15,14 +15,14 @@ export function resultOf<T>(request: IDBRequest<T>): Promise<T> {
 export function committed(transaction: IDBTransaction): Promise<void> {
   return new Promise((resolve, reject) => {
     transaction.oncomplete = () => resolve();
-    transaction.onabort = () => reject(failed(transaction.error));
+    transaction.onabort = () => reject(failureOf(transaction.error));
   });
 }
 
 /**
  * Opens a database. `upgrade` creates its stores if the stored version is older or if there is none. Another tab with an older
- * version of the page can block the upgrade until that tab is closed: `blocked` is then called with true, and in any case with
- * false at the end.
+ * version of the page can block the upgrade until that tab is closed: `blocked` is then called with true. It is always called
+ * with false when the attempt to open the database has ended.
  */
 export async function openDatabase(
   name: string,

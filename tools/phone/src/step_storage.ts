@@ -1,7 +1,7 @@
 /** Storage of the wearer's steps, load bouts and alerts across visits of the page. */
 
 import { type DayLoad, type DayTotals, addLoad } from "./days";
-import { committed, failed, openDatabase, resultOf } from "./indexed_db";
+import { committed, failureOf, openDatabase, resultOf } from "./indexed_db";
 
 /** A stored step, load bout or alert. `start_unix_s` is that of `StoredStep`, `StoredBout` or `StoredAlert`. */
 export interface StepRecord {
@@ -63,7 +63,7 @@ export class TemporaryStorage implements StepStorage {
  */
 export class NoStorage extends TemporaryStorage {
   override add(): Promise<void> {
-    return Promise.reject(failed(null));
+    return Promise.reject(failureOf(null));
   }
 }
 
@@ -216,6 +216,6 @@ function rangeOfLast(records: IDBObjectStore, count: number): Promise<IDBKeyRang
       is_advanced = true;
       cursor.advance(count);
     };
-    request.onerror = () => reject(failed(request.error));
+    request.onerror = () => reject(failureOf(request.error));
   });
 }

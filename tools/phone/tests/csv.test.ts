@@ -26,7 +26,7 @@ const withoutTimes = () => [...entries(walk)].filter(({ message }) => wire.decod
 
 const cells = (row: string) => row.trimEnd().split(",");
 
-test("a live row has the times of both clocks, the side, and the values of each region with their units", () => {
+test("a live row has the time of arrival, the side, the insole's time, and seven values for each region", () => {
   const rows = liveCsv(withoutTimes(), wire);
   const head = cells(rows[0]!);
   expect(head.slice(0, 5)).toEqual(["unix_s", "t_s", "side", "sequence", "device_t_s"]);
@@ -121,7 +121,7 @@ test("a file that is not a recording is refused", () => {
   expect(() => new ReplayTransport(bytes, {} as TransportEvents)).toThrow("not a recording");
 });
 
-test("an entry with a length that no message has is reported as damage, also if it is the last one", () => {
+test("an entry with an impossible length is reported as damage, even if it is the last one", () => {
   const first = entry({ t_ms: 1, insole: 0, message: Uint8Array.of(1, 2, 3) });
   for (const length of [0, MAX_MESSAGE + 1, 0xffff]) {
     const last = entry({ t_ms: 2, insole: 0, message: Uint8Array.of(4, 5) });
@@ -137,7 +137,7 @@ test("the length of the longest message is that of the firmware", () => {
   expect(Number(/MAX_MESSAGE: usize = (\d+)/.exec(codec)?.[1])).toBe(MAX_MESSAGE);
 });
 
-test("a message of a length that no message has is counted as damaged and is not recorded", () => {
+test("a message of an impossible length is counted as damaged and is not recorded", () => {
   const recorder = new Recorder();
   const none = () => undefined;
   const events = { live: none, shape: none, record: none, isKnown: () => false, answer: none, message: none };

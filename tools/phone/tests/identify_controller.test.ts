@@ -62,7 +62,7 @@ async function load(session?: { state: string; insole: number }) {
   return { controller, act };
 }
 
-test("an interrupted session is deleted on request of the page", async () => {
+test("an interrupted session is deleted together with the other data of the page", async () => {
   const { controller } = await load();
   await controller.deleteStored();
   expect([controller.has_stored, stored]).toEqual([false, []]);
@@ -75,7 +75,7 @@ test("an interrupted session that another tab has deleted is no longer offered",
   expect(controller.has_stored).toBe(false);
 });
 
-test("the wearer deletes an interrupted session without an insole", async () => {
+test("the wearer can delete an interrupted session while no insole is connected", async () => {
   const { controller, act } = await load();
   act("discard");
   await vi.waitFor(() => expect([controller.has_stored, stored]).toEqual([false, []]));
@@ -128,7 +128,7 @@ test("a session of another tab can be neither continued nor deleted, and what re
   await vi.waitFor(() => expect(first.controller["is_elsewhere"]).toBe(true));
 });
 
-test("a browser that does not allow Web Locks begins a session without them", async () => {
+test("a session begins without the lock in a browser that does not allow Web Locks", async () => {
   const denied = () => Promise.reject(new Error("denied"));
   vi.stubGlobal("navigator", { locks: { query: denied, request: denied } });
   const { controller, act } = await load({ state: "live", insole: 0 });
@@ -151,7 +151,7 @@ test("a session holds the lock until it is closed, and the next one of the same 
   expect(controller["is_elsewhere"]).toBe(false);
 });
 
-test("a second click on a button does not make the session of this tab one of another tab", async () => {
+test("after a second click on a button, the session is still known as that of this tab", async () => {
   vi.stubGlobal("navigator", { locks: new FakeLocks() });
   const { controller, act } = await load({ state: "live", insole: 0 });
   for (const _ of [1, 2]) act("resume");
@@ -159,7 +159,7 @@ test("a second click on a button does not make the session of this tab one of an
   expect([controller["is_elsewhere"], controller["is_holding"]]).toEqual([false, true]);
 });
 
-test("a session continues with the messages that are stored now, and does not begin without any", async () => {
+test("a session is resumed from the messages that are stored at that moment, and is not resumed without any", async () => {
   vi.stubGlobal("navigator", { locks: new FakeLocks() });
   const { controller, act } = await load({ state: "live", insole: 0 });
   stored = [];
@@ -172,7 +172,7 @@ test("a session continues with the messages that are stored now, and does not be
   await vi.waitFor(() => expect(other.controller["session"].file()).toEqual(stored));
 });
 
-test("a session begins without the lock if the request of it is denied", async () => {
+test("a session begins without the lock if the request for the lock is denied", async () => {
   const request = () => Promise.reject(new Error("denied"));
   vi.stubGlobal("navigator", { locks: { query: async () => ({ held: [] }), request } });
   const { controller, act } = await load({ state: "live", insole: 0 });

@@ -9,6 +9,7 @@ use crate::people;
 use crate::repeat::{copies, output};
 use crate::replay::progress;
 use crate::setup::{ContactArgs, rule_in_words};
+use crate::summary::counted;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fit::agreement::repeatability;
@@ -201,9 +202,9 @@ impl Cohort {
                 _ => "the lines above state the reasons",
             };
             bail!(
-                "{}: {} recordings (*.parquet), none with a whole step: {remedy}",
+                "{}: {} (*.parquet), none with a whole step: {remedy}",
                 folder.display(),
-                recordings.len()
+                counted(recordings.len(), "recording")
             );
         }
         // Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
@@ -234,7 +235,7 @@ impl Cohort {
         println!("Contact: {}.", rule_in_words(&self.contact.rule(None)?));
         if of_unknown_size > 0 {
             println!(
-                "{of_unknown_size} participants without a size in participant.toml are counted as size {}.",
+                "Participants without a size in participant.toml, counted as size {}: {of_unknown_size}.",
                 self.search.size
             );
         }
@@ -253,9 +254,10 @@ impl Cohort {
             println!("wrote {}", path.display());
         }
         println!(
-            "wrote {}: {steps} steps of {} participants in {:.1} s; {cached} participants were already up to date",
+            "wrote {}: {} of {} in {:.1} s; participants already up to date: {cached}",
             self.out.display(),
-            people.len() - cached,
+            counted(steps, "step"),
+            counted(people.len() - cached, "participant"),
             start.elapsed().as_secs_f64()
         );
         Ok(())

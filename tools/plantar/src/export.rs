@@ -1,7 +1,9 @@
 //! `plantar export`: writes recordings in the formats of other programs.
 
+use crate::gait::note_different_origins;
 use crate::paths::{check_folders, check_written};
 use crate::setup::{InsoleArgs, note_unless_personal, note_unless_same_foot};
+use crate::summary::counted;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use export::motion_bids::Names;
@@ -89,7 +91,7 @@ impl Export {
             Self::Mcap(_) => export::mcap::write(&session, out)?,
         }
         let steps: usize = session.feet.iter().map(|foot| foot.steps.len()).sum();
-        eprintln!("{}: {} frames, {steps} steps", out.display(), session.frames());
+        eprintln!("{}: {}, {}", out.display(), counted(session.frames(), "frame"), counted(steps, "step"));
         Ok(())
     }
 }
@@ -111,6 +113,10 @@ impl Options {
             anyhow::Ok(Foot::new(recording, &insole, &parameters.tissue(), &path.display().to_string())?)
         };
         let feet = self.recordings.iter().map(foot).collect::<Result<_>>()?;
-        Ok(Session::new(feet, self.from, self.to)?)
+        let session = Session::new(feet, self.from, self.to)?;
+        if let [first, second] = &session.feet[..] {
+            note_different_origins(&first.source, &second.source);
+        }
+        Ok(session)
     }
 }

@@ -4,19 +4,22 @@ pub mod live;
 mod results;
 mod sensitivity;
 
+use crate::gait::is_of_same_measurement;
 use crate::paths::{check_folders, check_written};
 use crate::replay::{progress, write_text};
 use crate::setup::{self, ContactArgs, ZeroArgs};
+use crate::tables::check_json;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use fit::fixed::COMPRESSION;
 use fit::interval::RESAMPLES;
+use fit::study::Source;
 use fit::{Filter, Method, Options, Step, Study};
 use live::LiveSource;
 use parameters::{InsoleSize, TissueMeasurements};
 use plantar::checksum::crc32;
 use plantar::pipeline::contact::ContactRule;
-use recording::{FrameSource, RecordingReader, output};
+use recording::{FrameSource, Layout, RecordingReader, output};
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write as _;
@@ -92,7 +95,7 @@ pub struct Search {
     /// determines the thickness, and --compression C.
     #[arg(long, visible_alias = "thickness", value_name = "FILE")]
     pub(crate) tissue: Option<PathBuf>,
-    /// European shoe size, 35 to 46, to which the typical tissue thickness is scaled.
+    /// Whole European shoe size, 35 to 46, to which the typical tissue thickness is scaled.
     #[arg(long, default_value_t)]
     pub(crate) size: InsoleSize,
     /// Assumed largest compression of the tissue, as a fraction of its thickness. It determines the vertical radius C of regions
@@ -228,6 +231,7 @@ impl Fit {
         ];
         check_written(&read.cloned().collect::<Vec<_>>(), &written)?;
         check_folders(&written)?;
+        check_json(&[self.json.as_deref()])?;
         let (mut study, recordings) = self.fitted()?;
         if self.report.is_some() {
             study.sensitivity = Some(self.sensitivity(&study, &recordings));
@@ -262,6 +266,7 @@ impl Fit {
             }
             check_distinct_walks(&study)?;
         }
+        note_unless_same_sensor(&study);
         if let Some(StepRange(first, last)) = self.steps {
             let numbers = || study.steps.iter().map(|step| step.number);
             let range = numbers().min().zip(numbers().max());
@@ -391,6 +396,34 @@ impl Fit {
     }
 }
 
+/// Prints a note on stderr if recordings are of different sensors. A live stream does not contain its layout.
+fn note_unless_same_sensor(study: &Study) {
+    let mut recordings = study.sources.iter().filter(|source| !source.layout.cells.is_empty());
+    let Some(first) = recordings.next() else { return };
+    if let Some(other) = recordings.find(|source| !is_same_sensor(&first.layout, &source.layout)) {
+        let sensor = |source: &Source| format!("{}, {:.2} Hz, in {}", source.layout.name, source.rate_hz, source.name);
+        eprintln!(
+            "note: the recordings are of different sensors ({}; {}): areas and forces depend on the sensor and the size of its \
+             cells, so that differences between the sensors count as differences between the steps: fit the recordings of \
+             each sensor separately",
+            sensor(first),
+            sensor(other)
+        );
+    }
+}
+
+/// Cells of two sensors differ in size if their mean areas differ by more than this factor. Cells of a plate that an import
+/// merged differ somewhat from footprint to footprint.
+const SAME_SIZE: f64 = 1.25;
+
+/// True if two layouts have the same name up to a comma, but for the foot, and cells of about the same size.
+fn is_same_sensor(first: &Layout, second: &Layout) -> bool {
+    let mean_mm2 =
+        |layout: &Layout| layout.cells.iter().map(|cell| cell.area_mm2).sum::<f64>() / layout.cells.len() as f64;
+    let ratio = mean_mm2(first) / mean_mm2(second);
+    is_of_same_measurement(&first.name, &second.name) && (1.0 / SAME_SIZE..=SAME_SIZE).contains(&ratio)
+}
+
 /// Refuses a live stream and a recording of the cells of the same walk, as in the folder of `plantar identify`: each step would
 /// then be predicted from its copy. Both have the times of the insole's clock.
 fn check_distinct_walks(study: &Study) -> Result<()> {
@@ -461,4 +494,28 @@ pub fn stem(path: &Path) -> String {
 /// Writes a file. After a failure, an existing file is unchanged. The message of an error names the file.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     Ok(output::file(path, |to| to.write_all(bytes))?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_same_sensor;
+    use plantar::Region;
+    use recording::{Cell, Layout};
+
+    #[test]
+    fn sensors_differ_in_the_name_or_in_the_size_of_the_cells() {
+        let layout = |name: &str, cells: usize, area_mm2: f64| {
+            let cell = |i: usize| Cell { x_mm: i as f64, y_mm: 0.0, area_mm2, region: Region::Heel };
+            Layout { name: name.into(), cells: (0..cells).map(cell).collect() }
+        };
+        let left = layout("Tekscan FSCAN, 60 x 21 cells", 471, 25.8);
+        for (other, is_same) in [
+            (layout("Tekscan FSCAN, 60 x 21 cells", 554, 25.8), true),
+            (layout("Tekscan FSCAN, 30 x 11 cells", 120, 103.2), false),
+            (layout("emed plate", 506, 25.0), false),
+        ] {
+            assert_eq!(is_same_sensor(&left, &other), is_same, "{}", other.name);
+        }
+        assert!(is_same_sensor(&layout("sole_left", 9, 100.0), &layout("sole_right", 9, 100.0)));
+    }
 }

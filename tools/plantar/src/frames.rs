@@ -1,7 +1,8 @@
 //! Writes the live values of every frame as a table, in CSV or Parquet. The table has one row per frame; the field of an
 //! absent value is empty.
 
-use anyhow::{Context, Result, bail};
+use crate::tables::Format;
+use anyhow::{Context, Result};
 use parquet::basic::{Compression, Repetition, Type as Physical};
 use parquet::data_type::DoubleType;
 use parquet::file::properties::WriterProperties;
@@ -52,17 +53,17 @@ impl FrameWriter {
     /// [`FrameWriter::finish`] renames it to `path`, so that an interruption leaves an existing file as it is. A device or a pipe
     /// is written directly.
     pub fn create(path: &Path, rule: ContactRule) -> Result<Self> {
-        output::check_file_name(path)?;
+        let format = Format::of(path)?;
         let names = frames::column_names();
         let (target, incomplete) = output::paths(path);
         let create = || File::create(&incomplete).with_context(|| format!("cannot write {}", path.display()));
-        let table = match path.extension().and_then(|e| e.to_str()) {
-            Some("csv") => {
+        let table = match format {
+            Format::Csv => {
                 let mut file = csv::Writer::from_writer(create()?);
                 file.write_record(&names)?;
                 Table::Csv(Box::new(file))
             }
-            Some("parquet") => {
+            Format::Parquet => {
                 let field = |name: &String| {
                     Type::primitive_type_builder(name, Physical::DOUBLE).with_repetition(Repetition::OPTIONAL).build()
                 };
@@ -72,7 +73,6 @@ impl FrameWriter {
                 let file = SerializedFileWriter::new(create()?, schema, Arc::new(properties))?;
                 Table::Parquet { file: Box::new(file), columns: vec![Vec::new(); names.len()] }
             }
-            _ => bail!("{}: use the extension .csv or .parquet", path.display()),
         };
         let row = Vec::with_capacity(names.len());
         Ok(Self { path: target, rule, table, incomplete: Incomplete(incomplete), row })

@@ -1,9 +1,11 @@
 //! `plantar gait`: the measures of both feet.
 
+use crate::cut_off::CutOff;
 use crate::fit::live::{self, session};
 use crate::paths::{check_folders, check_written};
 use crate::replay::{completed_step, progress, write_text};
-use crate::summary::{align, table};
+use crate::summary::{align, counted, table};
+use crate::tables::check_json;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::gait::{Estimate, FootStep, Gait, Length, MEASURES};
@@ -95,23 +97,38 @@ impl Origin {
             );
         }
         // The texts of insoles have their serial numbers, which differ between the feet.
-        if !first.is_of_insole && !second.is_of_insole && !is_of_same_measurement(&first.source, &second.source) {
-            eprintln!(
-                "note: the recordings have different origins ({:?} and {:?}): measures of both feet, such as double support and \
-                 symmetry, are valid only if both feet were recorded in the same walk, on one clock",
-                first.source, second.source
-            );
+        if !first.is_of_insole && !second.is_of_insole {
+            note_different_origins(&first.source, &second.source);
         }
         Ok(())
     }
 }
 
-/// True if the texts on the origins of two recordings name the same system and the same file. An import writes them first, up to
-/// a comma. The files of the two feet may differ in the words left and right, and in the letters L and R: `FrasP01L_m.asf` and
-/// `FrasP01R_m.asf` are of the same measurement.
-fn is_of_same_measurement(first: &str, second: &str) -> bool {
+/// Prints a note on stderr if the texts on the origins of the recordings of two feet name different measurements.
+pub fn note_different_origins(first: &str, second: &str) {
+    if !is_of_same_measurement(first, second) {
+        eprintln!(
+            "note: the recordings have different origins ({:?} and {:?}): measures of both feet, such as double support and \
+             symmetry, are valid only if both feet were recorded in the same walk, on one clock",
+            measurement(first),
+            measurement(second)
+        );
+    }
+}
+
+/// The part of the text on the origin of a recording that names the system and the file. An import writes it first, up to a
+/// comma or the end of a sentence.
+fn measurement(source: &str) -> &str {
+    let named = source.split(',').next().unwrap_or_default();
+    named.split(". ").next().unwrap_or_default().trim_end_matches('.')
+}
+
+/// True if the texts on the origins of two recordings name the same system and the same file. The files of the two feet may
+/// differ in the words left and right, and in the letters L and R: `FrasP01L_m.asf` and `FrasP01R_m.asf` are of the same
+/// measurement.
+pub fn is_of_same_measurement(first: &str, second: &str) -> bool {
     let [first, second] = [first, second].map(|source| {
-        let named = source.split(',').next().unwrap_or_default().to_lowercase();
+        let named = measurement(source).to_lowercase();
         named.replace("left", "l").replace("right", "r")
     });
     let is_foot = |letter| letter == 'l' || letter == 'r';
@@ -123,6 +140,7 @@ impl GaitCommand {
     pub fn run(&self) -> Result<()> {
         check_written(&self.walk, &[self.json.as_deref()])?;
         check_folders(&[self.json.as_deref()])?;
+        check_json(&[self.json.as_deref()])?;
         let Walk { mut steps, mut others, .. } = Walk::default();
         let mut origins = Vec::new();
         for path in &self.walk {
@@ -160,6 +178,15 @@ impl GaitCommand {
             );
         }
         print(&gait, length);
+        if gait.feet.iter().all(|foot| foot.strides.is_empty() && foot.gaps == 0 && foot.unpaired == 0) {
+            let of = |side| counted(steps.iter().filter(|(step, _)| step.side == side).count(), "step");
+            println!(
+                "No stride: a stride lasts from a heel strike of a foot to its next heel strike, so it needs two successive \
+                 steps of a foot, and the walk has {} of the left and {} of the right foot: record a longer walk",
+                of(Side::Left),
+                of(Side::Right)
+            );
+        }
         match &self.json {
             Some(path) => write_text(path, &serde_json::to_string_pretty(&gait.to_json(length))?),
             None => Ok(()),
@@ -221,7 +248,7 @@ fn read(path: &Path) -> Result<Walk> {
         });
         return Ok(Walk { steps: steps.collect(), others: session::other_records(path)?, origin: None });
     }
-    if live::is_stream(path) { from_stream(path) } else { from_recording(RecordingReader::open(path)?) }
+    if live::is_stream(path) { from_stream(path) } else { from_recording(path) }
 }
 
 /// Number of time messages ([`ToHost::Time`]) of an insole after which the offset of its clock from that of the host is known
@@ -304,8 +331,8 @@ fn from_stream(path: &Path) -> Result<Walk> {
 
 /// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column, which
 /// two recordings have in common unless they are of insoles.
-fn from_recording(reader: RecordingReader) -> Result<Walk> {
-    let source = FrameSource::from(reader);
+fn from_recording(path: &Path) -> Result<Walk> {
+    let source = FrameSource::from(RecordingReader::open(path)?);
     let virtual_insole = study::virtual_insole(&source, ContactRule::COUNTED)?;
     let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
@@ -314,7 +341,7 @@ fn from_recording(reader: RecordingReader) -> Result<Walk> {
     let origin = Origin { rate_hz: head.rate_hz, source: head.source.clone(), is_of_insole };
     let mut walk = Walk { origin: Some(origin), ..Walk::default() };
     // The times of the frames so far.
-    let mut times_s: Vec<f64> = Vec::new();
+    let (mut times_s, mut cut_off) = (Vec::<f64>::new(), CutOff::default());
     let mut add_records = |toe_off: bool, insole: &mut Insole<f32, MAX_CELLS>, times_s: &[f64]| {
         let time_us = |insole_us: u64| {
             let t_s = times_s.get(virtual_insole.frame_at(insole_us)).or(times_s.last());
@@ -337,6 +364,7 @@ fn from_recording(reader: RecordingReader) -> Result<Walk> {
         }
         times_s.push(t_s);
         let toe_off = insole.frame(index as u32, codes);
+        cut_off.frame(t_s, toe_off, &insole);
         add_records(toe_off, &mut insole, &times_s);
         if index.is_multiple_of(4096) {
             bar.set_position(index as u64);
@@ -345,6 +373,7 @@ fn from_recording(reader: RecordingReader) -> Result<Walk> {
     let toe_off = insole.end_stance();
     add_records(toe_off, &mut insole, &times_s);
     bar.finish_and_clear();
+    cut_off.print(&insole, path);
     Ok(walk)
 }
 
@@ -365,6 +394,16 @@ fn print(gait: &Gait, length: Option<Length>) {
     align(&mut table);
     println!("Mean ± standard deviation, and 95 % confidence interval of the mean:\n{table}");
     println!("The symmetry index is 0 for equal feet and positive if the left value is larger.");
+    let estimates = [&left.measures, &right.measures, &gait.symmetry_percent];
+    if estimates.iter().flat_map(|of| of.iter().flatten()).any(|estimate| estimate.interval.is_none()) {
+        println!(
+            "A mean without an interval has fewer than three effectively independent values (successive strides are \
+             correlated), or equal ones."
+        );
+    }
+    if [left, right].iter().any(|foot| foot.measures.iter().any(Option::is_none)) {
+        println!("- No value: there is no stride, or no step of the other foot within it.");
+    }
     if let Some(cadence) = gait.cadence_per_min {
         println!("Cadence, steps per minute: {}", to_text(&cadence, 1));
     }
@@ -418,6 +457,12 @@ mod tests {
             ),
             ("pedar measurement ann.asc, left insole.", "pedar measurement bob.asc, right insole.", false),
             ("Tekscan measurement walk.asf, by template.", "pedar measurement walk.asc, right insole.", false),
+            // Only the first recording has a remark of the import.
+            (
+                "CSV import of left.csv with the layout left.csv. The largest force is 99.0 N.",
+                "CSV import of right.csv with the layout right.csv.",
+                true,
+            ),
             ("", "", true),
         ] {
             assert_eq!(is_of_same_measurement(left, right), is_same, "{left} {right}");

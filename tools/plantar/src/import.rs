@@ -1,5 +1,6 @@
 //! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
+use crate::gait::note_different_origins;
 use crate::paths::check_written;
 use crate::replay::progress;
 use anyhow::{Context, Result, bail};
@@ -15,13 +16,14 @@ pub enum Import {
     /// Import exports of other systems, whose formats are recognised from their content.
     ///
     /// The files are of one measurement: one file with both feet, or a file for each foot. Both feet are written to
-    /// NAME.left.parquet and NAME.right.parquet for --out NAME.parquet, with times on one clock; two files are taken to begin at
-    /// the same moment, except those of Tekscan, in which the frames of both feet are numbered from a common start.
+    /// NAME.left.parquet and NAME.right.parquet for --out NAME.parquet, with times on one clock, except for a footscan export in
+    /// which the times of each foot may begin with its own contact; the import then says so. Two files are taken to begin at the
+    /// same moment, except those of Tekscan, in which the frames of both feet are numbered from a common start.
     Auto {
         /// The exported files.
         #[arg(required = true)]
         files: Vec<PathBuf>,
-        /// The foot, if the export does not state it; or the only foot to import.
+        /// The foot, if the export does not state it; or the only foot to import. Only with a single file.
         #[arg(long, value_enum)]
         side: Option<Foot>,
         #[command(flatten)]
@@ -48,8 +50,8 @@ pub enum Import {
     /// The layout has the columns cell,x_mm,y_mm,area_mm2 and optionally region. It has one line per cell; cells are numbered
     /// from 0. x increases towards the lateral side of the foot, y from heel to toes. Without the column region, a template
     /// divides the foot into regions. The pressures are in a file with the columns t_s,c0,c1,...: time in s, and the pressure of
-    /// each cell in kPa. The times must be uniform, unless --rate resamples the frames: the intervals between increasing times
-    /// may then differ, up to 0.1 s, or 1.5 times the median interval if this is longer.
+    /// each cell in kPa. The times must be uniform, unless --rate resamples the frames: then the times need only increase, but no
+    /// interval may be longer than 0.1 s, or than 1.5 times the median interval if this is longer.
     Csv {
         /// The file with the layout of the cells.
         #[arg(long, value_name = "FILE")]
@@ -74,7 +76,7 @@ pub enum Import {
         /// The file with the geometry.
         #[arg(long, value_name = "FILE")]
         geometry: PathBuf,
-        /// Import only this foot.
+        /// Import only this foot. Required for an export of one foot, which does not state the foot.
         #[arg(long, value_enum)]
         side: Option<Foot>,
         #[command(flatten)]
@@ -83,8 +85,8 @@ pub enum Import {
     /// Import barefoot steps on a plate from the Python package jiku-data (data set SpeedPP2DS, GPLv3, 10 walkers).
     ///
     /// Each trial of that data set is one footprint. The trials are joined to a walk, with unloaded swing phases between them. A
-    /// trial that is empty, cut off or not resampled as expected is left out; the source of the recording lists it with the
-    /// reason.
+    /// trial is left out if it is empty, if the foot is still on the plate at its end, or if its rows were not interpolated in
+    /// the way that this import reverses; the source of the recording lists it with the reason.
     Jiku {
         /// The folder SpeedPP2DS of the installed package.
         #[arg(long, value_name = "FOLDER")]
@@ -103,7 +105,7 @@ pub enum Import {
         /// The foot to compute.
         #[arg(long, value_enum, default_value_t = Foot::Right)]
         side: Foot,
-        /// Number of steps.
+        /// Number of steps, 1 to 10000.
         #[arg(long, value_name = "N", default_value_t = 10)]
         steps: usize,
         #[command(flatten)]
@@ -152,6 +154,24 @@ impl From<Foot> for Side {
 }
 
 impl Import {
+    fn out(&self) -> &Out {
+        match self {
+            Self::Auto { out, .. }
+            | Self::Csv { out, .. }
+            | Self::Pedar { out, .. }
+            | Self::Jiku { out, .. }
+            | Self::Synthetic { out, .. } => out,
+            Self::Xsensor(vendor)
+            | Self::Tekscan(vendor)
+            | Self::Emed(vendor)
+            | Self::Footscan(vendor)
+            | Self::Moticon(vendor)
+            | Self::Loadsol(vendor)
+            | Self::Gaitpdb(vendor)
+            | Self::Pliance(vendor) => &vendor.out,
+        }
+    }
+
     pub fn run(&self) -> Result<()> {
         let import = |format: Format, vendor: &Vendor| {
             vendor
@@ -163,13 +183,25 @@ impl Import {
             bar.set_length(total);
             bar.set_position(done);
         };
+        self.out().check_name()?;
         match self {
             Self::Auto { files, side, out } => {
+                if let (Some(side), [_, _, ..]) = (side, &files[..]) {
+                    bail!(
+                        "--side {} with {} files: leave it out if the exports state their feet; otherwise import each file \
+                         with its own --side and --out",
+                        Side::from(*side).name(),
+                        files.len()
+                    );
+                }
                 let mut all = Export { feet: Vec::new(), remarks: Vec::new() };
                 for file in files {
                     let Export { feet, remarks } = export::import(file, side.map(Side::from))?;
                     all.feet.extend(feet);
-                    all.remarks.extend(remarks);
+                    all.remarks.extend(remarks.into_iter().map(|remark| match files.len() {
+                        1 => remark,
+                        _ => format!("{}: {remark}", file.display()),
+                    }));
                 }
                 out.write_feet(all, files)
             }
@@ -192,10 +224,9 @@ impl Import {
                     bail!("{}: the export contains one foot; state it with --side", file.display());
                 }
                 let sides = side.map_or(vec![Side::Left, Side::Right], |side| vec![side.into()]);
-                let feet = sides.into_iter().map(|foot| pedar::import(file, geometry, foot, &mut report));
-                let feet = feet.collect::<recording::Result<_>>()?;
+                let export = pedar::import_feet(file, geometry, &sides, &mut report)?;
                 bar.finish_and_clear();
-                out.write_feet(Export { feet, remarks: Vec::new() }, &[file.clone(), geometry.clone()])
+                out.write_feet(export, &[file.clone(), geometry.clone()])
             }
             Self::Jiku { data, walker, trials, out } => {
                 if *trials == 0 || *trials > jiku::TRIALS {
@@ -206,6 +237,10 @@ impl Import {
                 out.write(recording, &out.out)
             }
             Self::Synthetic { side, steps, out } => {
+                // A step occupies some 0.1 MB of memory.
+                if !(1..=10_000).contains(steps) {
+                    bail!("--steps {steps}: expected 1 to 10000");
+                }
                 let walk = SyntheticWalk { side: (*side).into(), steps: *steps, ..SyntheticWalk::default() };
                 out.write(synthetic::walk(&walk).recording, &out.out)
             }
@@ -214,6 +249,20 @@ impl Import {
 }
 
 impl Out {
+    /// Checks that the output file has no ending of another format, because a recording is always Parquet. A name such as
+    /// `trial-1.1` has no ending.
+    fn check_name(&self) -> Result<()> {
+        let ending = self.out.extension().unwrap_or_default();
+        if ending != "parquet" && ending.to_string_lossy().starts_with(char::is_alphabetic) {
+            bail!(
+                "--out {}: use the extension .parquet; other commands convert a recording to other formats, for example plantar \
+                 export csv",
+                self.out.display()
+            );
+        }
+        Ok(())
+    }
+
     /// Writes one foot to the output file, or both feet to a file each. Fails if an output file is one of the files in `read`.
     fn write_feet(&self, export: Export, read: &[PathBuf]) -> Result<()> {
         for remark in &export.remarks {
@@ -228,7 +277,11 @@ impl Out {
             );
         }
         let is_pair = left + right == 2;
-        // The names of the feet would be appended to that of the folder, which may result in hidden files in it.
+        if let [first, second] = &export.feet[..] {
+            note_different_origins(&first.source, &second.source);
+        }
+        // For a folder, the names would be appended to its own name: `walks/` would result in the hidden file
+        // `walks/.left.parquet`.
         if is_pair && (self.out.is_dir() || output::ends_with_separator(&self.out)) {
             bail!("{}: not a file, but a folder: name a file", self.out.display());
         }
@@ -270,14 +323,19 @@ impl Out {
         self.write_resampled(recording, path)
     }
 
-    /// Merges the cells of the recording according to the options, writes it, and prints its summary.
+    /// Merges the cells of the recording according to the options, writes it with the warnings about it, and prints these and
+    /// its summary.
     fn write_resampled(&self, mut recording: Recording, path: &Path) -> Result<()> {
         if let Some(cells) = self.cells {
             recording = recording.binned(cells).with_context(|| format!("--cells {cells}"))?;
         }
+        let warnings = footprint::warnings(&recording);
+        for warning in &warnings {
+            recording.source += &format!(" {warning}");
+        }
         recording.write(path)?;
         println!("wrote {}", path.display());
-        for warning in footprint::warnings(&recording) {
+        for warning in &warnings {
             eprintln!("warning: {warning}");
         }
         crate::info::print(&recording);

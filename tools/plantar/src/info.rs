@@ -61,7 +61,9 @@ impl Loads {
         println!("foot      {}", recording.side.name());
         println!("frames    {frames} at {:.2} Hz, {seconds:.1} s", recording.rate_hz);
         println!("largest   {largest_n:.0} N in total, {largest_kpa:.0} kPa on a cell");
-        println!("layout    {}, {} cells", recording.layout.name, recording.cells());
+        // The name of some layouts ends with the number of their cells.
+        let cells = format!(", {} cells", recording.cells());
+        println!("layout    {}{cells}", recording.layout.name.trim_end_matches(&cells));
         for region in Region::ALL {
             let areas: Vec<f64> =
                 recording.layout.cells.iter().filter(|c| c.region == region).map(|c| c.area_mm2).collect();

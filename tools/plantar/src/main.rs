@@ -3,6 +3,7 @@
 mod carrier;
 mod cells;
 mod cohort;
+mod cut_off;
 mod emulate;
 #[cfg(feature = "export")]
 mod export;
@@ -27,6 +28,7 @@ mod serve;
 mod setup;
 mod signals;
 mod summary;
+mod tables;
 mod update;
 mod view;
 mod zero;

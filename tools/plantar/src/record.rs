@@ -5,7 +5,7 @@ use crate::cells::CellRecorder;
 use crate::monitor::{Sink, follow};
 use crate::params::note_unless_identified;
 use crate::records::Records;
-use crate::summary;
+use crate::summary::{self, counted};
 use crate::view::View;
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -102,7 +102,8 @@ impl Record {
         }
         recorder.all.print(&DeformationScale::ALL_ASSUMED);
         summary::print_faults_of(insole.client());
-        println!("wrote {}: {} frames, {} steps", self.out.display(), recorder.frames, recorder.all.steps.len());
+        let (frames, steps) = (counted(recorder.frames, "frame"), counted(recorder.all.steps.len(), "step"));
+        println!("wrote {}: {frames}, {steps}", self.out.display());
         if let Some(cells) = &recorder.cells {
             cells.print();
         }

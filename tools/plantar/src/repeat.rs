@@ -7,6 +7,7 @@ use crate::paths::{check_folders, check_written};
 use crate::people;
 use crate::replay::progress;
 use crate::setup::{ContactArgs, rule_in_words};
+use crate::tables::check_json;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fit::agreement::{self, repeatability};
@@ -17,7 +18,7 @@ use recording::{RecordingReader, is_parquet};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
-use study::{Person, fits};
+use study::{Person, SETTINGS_FILE, fits};
 
 /// Compares the values that are identified from repeated trials of the same people.
 ///
@@ -101,6 +102,7 @@ impl Repeat {
         }
         check_written(&read, &[self.json.as_deref(), self.csv.as_deref()])?;
         check_folders(&[self.json.as_deref(), self.csv.as_deref()])?;
+        check_json(&[self.json.as_deref()])?;
         let mut all = match study {
             Some(folder) => self.participants(folder)?,
             None => vec![self.one_person()?],
@@ -181,6 +183,16 @@ impl Repeat {
 
     /// The trials of one person, given as recordings.
     fn one_person(&self) -> Result<Trials> {
+        if let [folder] = &self.inputs[..]
+            && folder.is_dir()
+        {
+            let remedy = "give the recordings as files, or the folder of the study";
+            if folder.join(SETTINGS_FILE).exists() {
+                bail!("{} is the folder of a participant, not of a study: {remedy}", folder.display());
+            }
+            let error = || format!("{} is not one recording in parts: {remedy}", folder.display());
+            RecordingReader::open(folder).with_context(error)?;
+        }
         let mut known = BTreeSet::new();
         for path in &self.inputs {
             let file = path.canonicalize().with_context(|| format!("cannot read {}", path.display()))?;

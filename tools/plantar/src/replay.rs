@@ -1,5 +1,6 @@
 //! `plantar replay`: runs the insole's own code on this computer.
 
+use crate::cut_off::CutOff;
 use crate::fit::write;
 use crate::frames::FrameWriter;
 use crate::paths::{check_folders, check_written};
@@ -7,6 +8,7 @@ use crate::picture::Picture;
 use crate::records::{Records, write_json};
 use crate::setup::{self, InsoleArgs};
 use crate::summary;
+use crate::tables::{self, Format};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
@@ -44,6 +46,10 @@ pub struct Replay {
     /// files of --bouts and --load.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write the steps to this table, one row for each region of each step, with the columns of the steps of `plantar record`;
+    /// starts are on the recording's clock. Its extension, .csv or .parquet, selects the format.
+    #[arg(long, value_name = "FILE")]
+    steps: Option<PathBuf>,
     /// Write the load bouts (all load outside steps) to this JSON file, one object per bout. The last bout ends with the
     /// recording.
     #[arg(long, value_name = "FILE")]
@@ -52,7 +58,7 @@ pub struct Replay {
     /// recommended rules to this JSON file.
     #[arg(long, value_name = "FILE")]
     load: Option<PathBuf>,
-    /// Write the live values of every frame to this file. Its extension, .csv or .parquet, selects the format.
+    /// Write the live values of every frame to this table. Its extension, .csv or .parquet, selects the format.
     #[arg(long, value_name = "FILE")]
     frames: Option<PathBuf>,
     /// Draw the first step to this SVG file.
@@ -71,9 +77,12 @@ enum Precision {
 
 impl Replay {
     pub fn run(&self) -> Result<()> {
-        let written = [&self.json, &self.bouts, &self.load, &self.frames, &self.picture].map(Option::as_deref);
+        let json = [&self.json, &self.bouts, &self.load].map(Option::as_deref);
+        let written = [&json[..], &[&self.steps, &self.frames, &self.picture].map(Option::as_deref)].concat();
         check_written(&self.insole.inputs(std::slice::from_ref(&self.recording)), &written)?;
         check_folders(&written)?;
+        tables::check_json(&json)?;
+        self.steps.as_deref().map(Format::of).transpose()?;
         let source = FrameSource::from(RecordingReader::open(&self.recording)?);
         let (frames, cells) = (source.frames(), source.head().cells());
         let parameters = self.insole.wearer.parameters()?;
@@ -119,11 +128,12 @@ impl Replay {
             let index = (recent_s.len() - 1).checked_sub(frames_ago);
             index.map_or(step.start_s(), |index| recent_s[index])
         };
-        let (mut last, mut has_swing) = (0, false);
+        let (mut last, mut has_swing, mut cut_off) = (0, false, CutOff::default());
         // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
         while let Some(Scan { index: i, t_s: Some(t_s), codes }) = scans.next_scan()? {
             let toe_off = insole.frame(i as u32, codes);
             has_swing |= !insole.on_ground();
+            cut_off.frame(t_s, toe_off, &insole);
             if has_starts {
                 times_s.push(t_s);
             }
@@ -170,6 +180,9 @@ impl Replay {
             let steps = records.steps.iter().map(|step| with_start(step_to_json(step), step.start_us));
             write_json(path, steps)?;
         }
+        if let Some(path) = &self.steps {
+            tables::write_steps(path, &records.steps, &records.step_starts_s)?;
+        }
         if let Some(path) = &self.bouts {
             let bouts = records.bouts.iter().map(|bout| with_start(bout_to_json(bout), bout.start_us));
             write_json(path, bouts)?;
@@ -186,8 +199,9 @@ impl Replay {
         if let Some(frames) = frames {
             frames.finish()?;
         }
-        if !has_swing {
-            eprintln!("note: no swing was recognised: {LIFT_THE_FOOT}");
+        match has_swing {
+            true => cut_off.print(&insole, &self.recording),
+            false => eprintln!("note: no swing was recognised: {LIFT_THE_FOOT}"),
         }
         if let Some(line) = summary::rejected_line(&insole.rejected()) {
             println!("{line}");

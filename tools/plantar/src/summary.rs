@@ -102,10 +102,10 @@ pub fn print(steps: &[Step], starts_s: &[f64], scales: &[DeformationScale; 8]) {
     }
     align(&mut table);
     println!(
-        "Means of each region over the steps in which it was loaded, of {} steps in total. Force, model, area and deformation are the \
+        "Means of each region over the steps in which it was loaded, of {} in total. Force, model, area and deformation are the \
          peak values of a step. Force is measured: the sum over the cells. Model is the model force. The radii of the ellipse \
          (semi-axes) are those at the largest force:\n{table}",
-        steps.len()
+        counted(steps.len(), "step")
     );
     if scales.iter().any(|scale| scale.assumed_percent() > 0) {
         println!(
@@ -209,6 +209,11 @@ pub fn comparable_error_percent(steps: &[Step], region: usize) -> Option<f64> {
         |step: &Step| step.saturated >> region & 1 == 0 && step.regions[region].measured_force_peak_n() >= MIN_FORCE_N;
     let comparable: Vec<Step> = steps.iter().copied().filter(is_comparable).collect();
     model_error_percent(&comparable, region)
+}
+
+/// A count with its noun in singular or plural: `1 step`, `2 steps`.
+pub fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 /// An empty table in the style of all of the program's tables.

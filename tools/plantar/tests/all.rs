@@ -11,6 +11,7 @@ mod export;
 mod fit;
 mod gait;
 mod identify;
+mod import;
 mod lost;
 mod lsl;
 mod monitor;

@@ -97,7 +97,7 @@ fn device(interface: &mut IfaceBuilder<Arc<dyn Peripheral>>) {
     interface.property("Connected").get(|_, insole| Ok(insole.is_connected()));
     interface.property("ServicesResolved").get(|_, insole| Ok(insole.is_connected()));
     constant(interface, "RSSI", -60_i16);
-    // The client's library requires this property, but the client does not read it.
+    // The client's library requires this property and the next three, but the client does not read them.
     constant(interface, "Paired", true);
     constant(interface, "Trusted", false);
     constant(interface, "Blocked", false);
@@ -141,8 +141,9 @@ fn characteristic(interface: &mut IfaceBuilder<Characteristic>) {
 pub struct Bus {
     daemon: Child,
     address: String,
+    /// The thread of the Bluetooth service.
     service: Option<JoinHandle<()>>,
-    /// Ends the service.
+    /// True ends the Bluetooth service.
     end: Arc<AtomicBool>,
     /// The programs that use this bus place their lock files here.
     folder: TempDir,
@@ -159,7 +160,7 @@ impl Drop for Bus {
     }
 }
 
-/// The longest time for which a value of the insole waits until the service sends it.
+/// Longest time for which the service waits for a call before it sends the values of the insole.
 const INTERVAL: Duration = Duration::from_millis(1);
 
 impl Bus {

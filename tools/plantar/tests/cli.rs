@@ -133,6 +133,122 @@ fn live_values_are_written_as_csv_with_a_column_per_quantity() {
     assert_eq!((number("contact_on_kpa"), number("heel_clamped"), number("t_s")), (10.0, 0.0, 0.4));
 }
 
+/// The fields of a CSV file, with its header.
+fn fields(path: &Path) -> Vec<Vec<String>> {
+    let text = std::fs::read_to_string(path).expect("a table");
+    text.lines().map(|line| line.split(',').map(String::from).collect()).collect()
+}
+
+/// The values are those in the JSON of the steps, which has its own code.
+#[test]
+fn steps_are_written_as_a_table_with_a_row_for_each_region() {
+    let (_folder, path) = folder();
+    let mut walk = synthetic::walk(&SyntheticWalk { steps: 3, ..Default::default() }).recording;
+    walk.t_s.iter_mut().for_each(|t_s| *t_s += 100.0);
+    walk.write(path.join("walk.parquet")).expect("written");
+    succeed(&path, "replay walk.parquet --steps table.csv --json steps.json");
+    succeed(&path, "replay walk.parquet --steps table.parquet");
+    let table = fields(&path.join("table.csv"));
+    let column = |name: &str| table[0].iter().position(|column| column == name).expect(name);
+    let number = |row: &[String], name: &str| row[column(name)].parse::<f64>().expect(name);
+    let steps = json(&path.join("steps.json"));
+    let steps = steps.as_array().expect("steps");
+    assert_eq!((steps.len(), table.len()), (3, 1 + 3 * 8));
+    for (i, row) in table[1..].iter().enumerate() {
+        let (step, region) = (&steps[i / 8], &steps[i / 8]["regions"][&row[column("region")]]);
+        assert!(row[column("side")] == "right" && number(row, "start_s") > 100.0, "{row:?}");
+        for name in ["step", "start_s", "duration_s"] {
+            assert_eq!(Some(number(row, name)), step[name].as_f64(), "{name}");
+        }
+        for name in ["measured_force_peak_n", "area_peak_mm2", "peak_pressure_kpa", "contact_time_s"] {
+            assert_eq!(Some(number(row, name)), region[name].as_f64(), "{name}");
+        }
+    }
+    // The Parquet table has the same columns and values.
+    use parquet::file::reader::SerializedFileReader;
+    use parquet::record::Field;
+    let file = std::fs::File::open(path.join("table.parquet")).expect("a table");
+    let rows = SerializedFileReader::new(file).expect("Parquet").into_iter().map(|row| row.expect("a row"));
+    let rows: Vec<Vec<(String, String)>> = rows
+        .map(|row| {
+            let text = |field: Field| match field {
+                Field::Null => String::new(),
+                Field::Str(text) => text,
+                Field::Int(number) => number.to_string(),
+                Field::Double(number) => number.to_string(),
+                Field::Bool(flag) => flag.to_string(),
+                other => panic!("{other}"),
+            };
+            row.into_columns().into_iter().map(|(name, field)| (name, text(field))).collect()
+        })
+        .collect();
+    let expected = table[1..].iter().map(|row| table[0].iter().cloned().zip(row.iter().cloned()).collect());
+    assert_eq!(rows, expected.collect::<Vec<Vec<_>>>());
+}
+
+#[test]
+fn a_table_of_steps_has_its_columns_without_steps_and_another_extension_is_refused() {
+    let (_folder, path) = folder();
+    let trial = synthetic::standing(&SyntheticStanding::default());
+    trial.write(path.join("trial.parquet")).expect("written");
+    succeed(&path, "replay trial.parquet --steps none.csv");
+    succeed(&path, "replay trial.parquet --steps none.parquet");
+    let table = fields(&path.join("none.csv"));
+    assert!(table.len() == 1 && table[0].contains(&"measured_force_peak_n".to_string()), "{table:?}");
+    fail(&path, "replay trial.parquet --steps steps.xlsx", &["steps.xlsx", ".csv or .parquet"]);
+    // JSON in a file with the name of a table.
+    for option in ["replay trial.parquet --json", "replay trial.parquet --bouts", "replay trial.parquet --load"] {
+        for name in ["steps.csv", "steps.parquet"] {
+            fail(&path, &format!("{option} {name}"), &[name, "extension .json"]);
+            assert!(!path.join(name).exists());
+        }
+    }
+}
+
+/// A recording of a foot that is on the ground in its last frame, and one that is on the ground in its first frame.
+#[test]
+fn contacts_that_a_recording_cuts_off_are_named() {
+    let (_folder, path) = folder();
+    let walk = synthetic::walk(&SyntheticWalk { steps: 1, ..Default::default() }).recording;
+    let cells = walk.cells();
+    let first = (0..walk.frames()).find(|&frame| walk.force_n(frame) > 100.0).expect("a loaded frame");
+    let middle = first + 30;
+    let end = Recording {
+        t_s: walk.t_s[..middle].to_vec(),
+        pressure_kpa: walk.pressure_kpa[..middle * cells].to_vec(),
+        ..walk.clone()
+    };
+    end.write(path.join("end.parquet")).expect("written");
+    let start = Recording {
+        t_s: walk.t_s[middle..].to_vec(),
+        pressure_kpa: walk.pressure_kpa[middle * cells..].to_vec(),
+        ..walk.clone()
+    };
+    start.write(path.join("start.parquet")).expect("written");
+    walk.write(path.join("walk.parquet")).expect("written");
+    let [missing_toe_off, missing_strike] = ["its toe off is missing", "its heel strike is missing"];
+    for (name, reason) in [("end.parquet", missing_toe_off), ("start.parquet", missing_strike)] {
+        let text = succeed(&path, &format!("replay {name}"));
+        assert!(text.contains("no steps") && text.contains(&format!("left out: {name} at ")), "{text}");
+        assert!(text.contains(reason), "{text}");
+        let output = plantar(&path, &format!("gait {name}"));
+        let text = [output.stdout, output.stderr].map(|text| String::from_utf8(text).expect("text")).concat();
+        assert!(text.contains("no steps in") && text.contains(reason), "{text}");
+    }
+    assert!(!succeed(&path, "replay walk.parquet").contains("left out"));
+}
+
+/// More steps could exhaust the memory.
+#[test]
+fn a_synthetic_walk_has_at_least_one_step_and_not_too_many() {
+    let (_folder, path) = folder();
+    for steps in ["0", "10001"] {
+        let option = format!("--steps {steps}");
+        fail(&path, &format!("import synthetic {option} --out walk.parquet"), &[&option, "1 to 10000"]);
+    }
+    assert!(!path.join("walk.parquet").exists());
+}
+
 #[test]
 fn errors_for_recordings_name_the_file_the_line_and_the_remedy() {
     let (_folder, path) = folder();
@@ -240,7 +356,7 @@ fn no_command_overwrites_its_input_or_personal_parameters() {
         std::fs::create_dir_all(path.join("parts/out")).expect("made");
         succeed(&path, "replay parts --frames parts/out/live.parquet");
     }
-    for command in [IMPORT.replace("walk.parquet", "frames.csv"), "zero walk.parquet --out walk.parquet".into()] {
+    for command in [IMPORT.replace("frames.csv", "walk.parquet"), "zero walk.parquet --out walk.parquet".into()] {
         fail(&path, &command, &["name another file"]);
     }
     succeed(&path, "params typical --out params.toml");

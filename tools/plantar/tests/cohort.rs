@@ -148,8 +148,18 @@ fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
     fs::create_dir(&cid).expect("made");
     fs::write(cid.join("participant.toml"), "size = 44").expect("written");
     walk(&cid.join("w.parquet"), Side::Left, 8);
-    assert_eq!(outcome(&cohort(&path, "")).0, Some(0));
+    let (status, text_of_run) = outcome(&cohort(&path, ""));
+    assert_eq!(status, Some(0), "{text_of_run}");
+    // Age, mass and height of cid are unknown.
+    for words in ["30.0 (1)", "60.5 (1)", "1.60 (1)"] {
+        assert_eq!(text_of_run.matches(words).count(), 1, "{words}: {text_of_run}");
+    }
     let [ann, bob, cid] = ["ann", "bob%3Db.", "cid"].map(|name| rows(&path, name));
+    // Every column is described.
+    let document = include_str!("../../../docs/cohort.md");
+    let described = |column: &&String| document.contains(&format!("`{column}`"));
+    let undescribed: Vec<_> = ann[0].keys().filter(|column| !described(column)).collect();
+    assert!(undescribed.is_empty(), "{undescribed:?}");
 
     let mut file = csv::Reader::from_path(path.join("summary.csv")).expect("a summary");
     let lines: Vec<HashMap<String, String>> = file.deserialize().map(|line| line.expect("a line")).collect();
@@ -208,7 +218,7 @@ fn a_second_run_processes_only_changed_participants() {
         assert_eq!(status, Some(0), "{text_of_run}");
         assert!(words.iter().all(|word| text_of_run.contains(word)), "{text_of_run}");
     };
-    again("", &["0 steps of 0 participants", "2 participants were already up to date"]);
+    again("", &["0 steps of 0 participants", "participants already up to date: 2"]);
     let ann = path.join("table/participant=ann/steps.parquet");
     let bob = path.join("table/participant=bob%3Db./steps.parquet");
     let written = |path: &Path| path.metadata().and_then(|file| file.modified()).expect("a time");
@@ -216,23 +226,23 @@ fn a_second_run_processes_only_changed_participants() {
     // Sets up the state after a run that was interrupted while it wrote ann's file.
     fs::remove_file(&ann).expect("removed");
     fs::write(ann.with_file_name(".steps.parquet.part"), "PAR1").expect("written");
-    again("", &["6 steps of 1 participants", "1 participants were already up to date"]);
+    again("", &["6 steps of 1 participant", "participants already up to date: 1"]);
     assert_eq!((summary(&path), written(&bob)), (complete_summary.clone(), bob_written));
     // A damaged file, another recording, another size and other options each cause the participant to be processed again.
     fs::write(&ann, "PAR1").expect("written");
-    again("", &["6 steps of 1 participants"]);
+    again("", &["6 steps of 1 participant"]);
     assert_eq!(summary(&path), complete_summary);
     walk(&path.join("people/ann/d.parquet"), Side::Right, 7);
-    again("", &["8 steps of 1 participants"]);
+    again("", &["8 steps of 1 participant"]);
     fs::write(path.join("people/ann/participant.toml"), "size = 37").expect("written");
-    again("", &["8 steps of 1 participants", "37-38 (1)"]);
+    again("", &["8 steps of 1 participant", "37-38 (1)"]);
     again("--bounds paper", &["14 steps of 2 participants"]);
     // Invalid options change nothing.
     let (status, text_of_invalid) = outcome(&cohort(&path, "--contact-on 5 --contact-off 6"));
     assert_eq!((status, text_of_invalid.contains("--contact-off")), (Some(1), true), "{text_of_invalid}");
     // A participant without a folder is no longer counted, but a note names the participant's file.
     fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
-    again("--bounds paper", &["1 participants were already up to date", "participant=ann", "remove the file"]);
+    again("--bounds paper", &["participants already up to date: 1", "participant=ann", "remove the file"]);
     assert!(!summary(&path).contains("37-38"));
 }
 
@@ -245,7 +255,7 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     let standing = recording::synthetic::standing(&recording::synthetic::SyntheticStanding::default());
     standing.write(path.join("people/ann/standing.parquet")).expect("written");
     fs::create_dir(path.join("people/nobody")).expect("made");
-    for cached in ["0 participants were already up to date", "1 participants were already up to date"] {
+    for cached in ["participants already up to date: 0", "participants already up to date: 1"] {
         let (status, text_of_run) = outcome(&cohort(&path, ""));
         assert_eq!(status, Some(3), "{text_of_run}");
         for words in [
@@ -267,7 +277,7 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     // If a participant's settings cannot be used, the participant's file in the table is removed.
     for (text, words) in [
         ("size = 36\nsise = 36", ["people/ann/participant.toml", "line 2", "sise"]),
-        ("\nsize = 47", ["people/ann/participant.toml", "line 2", "47: a European shoe size from 35 to 46"]),
+        ("\nsize = 47", ["people/ann/participant.toml", "line 2", "47: a whole European shoe size from 35 to 46"]),
         ("mass_kg = 7", ["people/ann/participant.toml", "mass_kg = 7", "10 to 300"]),
         ("height_cm = 1.7", ["people/ann/participant.toml", "height_cm = 1.7", "50 to 250"]),
         ("sex = 'f'", ["people/ann/participant.toml", "sex = \"f\"", "\"female\", \"male\" or \"other\""]),
@@ -316,13 +326,13 @@ fn a_folder_with_the_parts_of_a_recording_is_one_recording() {
         let (status, text_of_run) = outcome(&cohort(&path, ""));
         assert!(status == Some(0) && text_of_run.contains(words), "{text_of_run}");
     };
-    run("1 participants were already up to date");
+    run("participants already up to date: 1");
     assert!(rows(&path, "ann") == expected);
-    run("2 participants were already up to date");
+    run("participants already up to date: 2");
     // A changed part causes a new evaluation.
     let part = File::options().write(true).open(file.join("part-1.parquet")).expect("a part");
     part.set_modified(SystemTime::UNIX_EPOCH).expect("changed");
-    run("1 participants were already up to date");
+    run("participants already up to date: 1");
 }
 
 /// macOS writes a hidden file with the prefix `._` beside some files.
@@ -344,7 +354,7 @@ fn thickness_and_zero_file_of_a_participant_are_used() {
     let (status, text_of_all) = outcome(&cohort(&path, "--size 39"));
     assert_eq!(status, Some(0), "{text_of_all}");
     assert!(
-        text_of_all.contains("1 participants without a size in participant.toml are counted as size 39"),
+        text_of_all.contains("Participants without a size in participant.toml, counted as size 39: 1."),
         "{text_of_all}"
     );
     let rows = rows(&path, "ann");
@@ -479,7 +489,7 @@ fn files_that_are_not_directly_in_a_participants_folder_are_left_out_and_named()
     for _ in 0..2 {
         let (status, text) = outcome(&cohort(&path, ""));
         assert_eq!(status, Some(3), "{text}");
-        assert!(text.contains("2 participants were already up to date"), "{text}");
+        assert!(text.contains("participants already up to date: 2"), "{text}");
         let left_out: Vec<&str> = text.lines().filter(|line| line.starts_with("left out:")).collect();
         let expected = [
             ("people/lost.parquet", "not in the folder of a participant"),

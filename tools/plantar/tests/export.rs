@@ -109,6 +109,24 @@ fn an_export_has_the_frames_and_steps_of_a_replay() {
 }
 
 #[test]
+fn feet_of_different_measurements_are_noted() {
+    let folder = folder();
+    let path = folder.path();
+    let export = |left: &str| {
+        let mut recording = Recording::read(path.join("left.parquet")).expect("a recording");
+        recording.source = left.into();
+        recording.write(path.join("other.parquet")).expect("written");
+        let output = export(path, "csv other.parquet right.parquet --out walk.csv");
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{text}");
+        text
+    };
+    let right = Recording::read(path.join("right.parquet")).expect("a recording").source;
+    assert!(!export(&right).contains("different origins"));
+    assert!(export("emed measurement other.lst, regions by template.").contains("different origins"));
+}
+
+#[test]
 fn a_part_of_a_recording_is_exported() {
     let folder = folder();
     let recording = Recording::read(folder.path().join("left.parquet")).expect("a recording");

@@ -63,7 +63,7 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
     let folder = walk();
     let path = folder.path();
     let text = succeed(path, "fit walk.parquet --out p.toml --json p.json --participant someone");
-    assert!(text.contains("someone: 6 steps of 1 recordings") && text.contains("8 of 8 regions"), "{text}");
+    assert!(text.contains("someone: 6 steps of 1 recording") && text.contains("8 of 8 regions"), "{text}");
     let fitted = json(&path.join("p.json"));
     assert_eq!(fitted["contact_rule"]["full_kpa"], 150.0);
     assert_eq!((fitted["filter"].as_str(), fitted["method"].as_str()), (Some("direct"), Some("projection")));
@@ -246,7 +246,22 @@ fn contacts_that_are_not_steps_are_named() {
     ] {
         assert!(out.contains(words), "no \"{words}\" in {out}");
     }
-    assert!(out.contains("2 steps of 1 recordings"), "{out}");
+    assert!(out.contains("2 steps of 1 recording"), "{out}");
+}
+
+#[test]
+fn recordings_of_different_sensors_are_noted() {
+    let folder = walk();
+    let path = folder.path();
+    let mut recording = Recording::read(path.join("walk.parquet")).expect("a recording");
+    recording.pressure_kpa.iter_mut().for_each(|kpa| *kpa *= 1.01);
+    recording.write(path.join("again.parquet")).expect("written");
+    recording.layout.name = "emed plate".into();
+    recording.write(path.join("plate.parquet")).expect("written");
+    let note = "note: the recordings are of different sensors";
+    assert!(!run(path, "fit walk.parquet again.parquet").2.contains(note));
+    let (_, _, err) = run(path, "fit walk.parquet plate.parquet");
+    assert!(err.contains(note) && err.contains("emed plate") && err.contains("plate.parquet"), "{err}");
 }
 
 /// The force on the foot is 90 to 270 N.
@@ -267,6 +282,7 @@ fn a_recording_in_which_the_foot_is_never_lifted_is_named_as_such() {
     let (status, out, err) = run(path, "fit walk.parquet");
     assert!(status == 1 && out.contains(&format!("left out: walk.parquet at 0.00 s, {reason}")), "{out}{err}");
     assert!(out.contains("heel: NOT FITTED, no whole step"), "{out}");
+    assert!(out.contains("0 steps of 1 recording,") && !out.contains("NRMSE") && !out.contains("95 %"), "{out}");
     let (status, out, err) = run(path, "replay walk.parquet");
     let note = "no swing was recognised: record a walk";
     assert!(status == 0 && out.contains("no steps") && err.contains(note), "{out}{err}");
@@ -378,7 +394,7 @@ fn a_stream_file_results_in_the_same_parameters_as_the_recording_of_all_cells() 
     let right = messages(&recording(path), ContactRule::COVERED);
     std::fs::write(path.join("walk.plantar"), stream(&right, 0)).expect("written");
     let out = succeed(path, "fit walk.plantar --json live.json --out p.toml --report r.html");
-    assert!(out.contains("walk: 6 steps of 1 recordings") && out.contains("fraction sqrt(p / 150 kPa)"), "{out}");
+    assert!(out.contains("walk: 6 steps of 1 recording") && out.contains("fraction sqrt(p / 150 kPa)"), "{out}");
     let live = json(&path.join("live.json"));
     assert_eq!((&live["recordings"][0]["cells"], &live["recordings"][0]["rate_hz"]), (&Value::Null, &100.0.into()));
     assert_eq!(live["recordings"][0]["name"], "walk.plantar, right");
@@ -411,7 +427,7 @@ fn a_stream_file_results_in_the_same_parameters_as_the_recording_of_all_cells() 
     std::fs::write(path.join("one.plantar"), [stream(&left, 1), stream(&right, 0)].concat()).expect("written");
     let (status, out, err) = run(path, "fit one.plantar --json one.json");
     assert_eq!(status, 0, "{out}{err}");
-    assert!(out.contains("6 steps of 1 recordings") && err.contains("the foot is not known"), "{out}{err}");
+    assert!(out.contains("6 steps of 1 recording") && err.contains("the foot is not known"), "{out}{err}");
 }
 
 #[test]
@@ -512,7 +528,7 @@ fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream
     succeed(path, &format!("record --tcp {address} --out session --steps 6"));
     succeed(path, "fit walk.plantar --json stream.json");
     let out = succeed(path, "fit session --json session.json");
-    assert!(out.contains("session: 6 steps of 1 recordings"), "{out}");
+    assert!(out.contains("session: 6 steps of 1 recording"), "{out}");
     let (session, stream) = (json(&path.join("session.json")), json(&path.join("stream.json")));
     assert_eq!(session["steps"], stream["steps"]);
     assert_eq!(session["regions"], stream["regions"]);

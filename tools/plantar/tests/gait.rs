@@ -169,6 +169,23 @@ fn feet_with_different_rates_are_refused_and_feet_of_different_measurements_are_
     assert!(succeeds && text.contains("note:") && text.contains("bob.asf") && text.contains("ann.asc"), "{text}");
 }
 
+/// A stride needs two steps, and an interval three strides.
+#[test]
+fn missing_strides_and_intervals_are_explained() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (steps, explains_strides, explains_intervals) in [(1, true, false), (3, false, true), (30, false, false)] {
+        let recording = walk(&SyntheticWalk { side: Side::Left, steps, ..SyntheticWalk::default() }).recording;
+        recording.write(folder.path().join("left.parquet")).expect("written");
+        let output = gait(folder.path(), "left.parquet");
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{text}");
+        let is_explained = text.contains("two successive steps of a foot, and the walk has 1 step of the left");
+        assert_eq!(is_explained, explains_strides, "{steps}: {text}");
+        assert_eq!(text.contains("A mean without an interval"), explains_intervals, "{steps}: {text}");
+        assert!(text.contains("- No value"), "the measures of both feet: {text}");
+    }
+}
+
 /// Each of two insoles has a clock of its own.
 #[test]
 fn recordings_of_two_insoles_are_not_compared_in_time() {

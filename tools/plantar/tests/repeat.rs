@@ -188,6 +188,18 @@ fn folders_of_results_are_not_participants() {
 }
 
 #[test]
+fn the_folder_of_a_participant_is_refused_with_the_remedy() {
+    let (_folder, path) = study();
+    let remedy = "give the recordings as files, or the folder of the study";
+    fs::write(path.join("people/bob/participant.toml"), "size = 40").expect("written");
+    for words in ["people/ann is not one recording in parts", "people/bob is the folder of a participant"] {
+        let folder = words.split(' ').next().expect("a folder");
+        let (status, text) = plantar(&path, &format!("repeat {folder}"));
+        assert!(status == Some(1) && text.contains(words) && text.contains(remedy), "{text}");
+    }
+}
+
+#[test]
 fn the_recordings_of_one_person_are_compared_without_an_icc() {
     let (_folder, path) = study();
     let (status, text) = plantar(&path, "repeat people/ann/a.parquet people/ann/b.parquet --csv r.csv");

@@ -31,13 +31,10 @@ impl UncheckedRecording {
         let Self { side, cells, mut t_s, mut pressure_kpa, name, source } = self;
         let file = path.display().to_string();
         check::value_count(gaps::frames_after_fill(&t_s) as u64, cells.len(), &file)?;
-        let source = match gaps::fill(&mut t_s, &mut pressure_kpa, cells.len()) {
-            None => source,
-            Some(note) => {
-                remarks.push(format!("{} foot: {note}", capitalised(side)));
-                format!("{source} {note}")
-            }
-        };
+        if let Some(note) = gaps::fill(&mut t_s, &mut pressure_kpa, cells.len()) {
+            remarks.push(format!("{} foot: {note}", capitalised(side)));
+        }
+        t_s.iter_mut().for_each(|t_s| *t_s = rate::rounded_s(*t_s));
         // After frames were filled or left out, only the time identifies a frame of the export.
         let place = |at: At| match at {
             At::Whole => file.clone(),

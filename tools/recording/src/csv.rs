@@ -6,7 +6,7 @@
 //! be uniform.
 
 use crate::check::{self, At};
-use crate::table::{self, Lines, at_line, check_later, check_width, file_name, number, unreadable};
+use crate::table::{self, Lines, at_line, check_later, check_width, empty_field, file_name, number, unreadable};
 use crate::text::shortened;
 use crate::{Cell, Error, Layout, Recording, Result, gaps, names, rate, template};
 use ::csv::{ByteRecord, StringRecord};
@@ -101,6 +101,9 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
         let place = || at_line(path, line);
         check_width(record.len(), header.len(), &place)?;
         let value = |column: usize| number(&record[column], &header[column], &place);
+        if record[columns.cell].is_empty() {
+            return Err(empty_field("cell", &place));
+        }
         let Ok(id) = record[columns.cell].parse::<usize>() else {
             return Err(Error::content(
                 place(),

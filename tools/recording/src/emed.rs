@@ -108,7 +108,7 @@ impl Pages<'_> {
             return Ok(());
         }
         let mut lines = (first_line..).zip(page.lines());
-        let (mut size_mm, mut area_mm2, mut period_s, mut picture, mut is_frame) = (None, Ok(None), None, None, false);
+        let (mut size_mm, mut area_mm2, mut period, mut picture, mut is_frame) = (None, Ok(None), None, None, false);
         // The first line whose first non-empty field is a number contains the numbers of the columns.
         let columns = loop {
             let Some((line, row)) = lines.next() else {
@@ -134,7 +134,7 @@ impl Pages<'_> {
             }
             if let Some(value) = value_of("Time/picture") {
                 let unit_s = unit_in(value, [("ms", 1e-3), ("s", 1.0), ("", 1.0)], &place)?;
-                period_s = first_number(value).map(|time| time * unit_s);
+                period = first_number(value).map(|time| (line, time * unit_s));
             }
             if let Some(value) = value_of(PICTURE) {
                 is_frame = true;
@@ -156,12 +156,12 @@ impl Pages<'_> {
             None => area_mm2?.map(|mm2| [mm2.sqrt(); 2]),
         };
         let size_mm = size_mm.filter(|size| size.iter().all(|mm| *mm > 0.0 && *mm <= MAX_CELL_MM));
-        let (Some(size_mm), Some(period_s)) = (size_mm, period_s) else {
+        let (Some(size_mm), Some((period_line, period_s))) = (size_mm, period) else {
             let problem =
                 format!("no sensor size of up to {MAX_CELL_MM} mm, or no time between pictures, on this page");
             return Err(Error::content(place(), problem, "export the measurement with the header of each page"));
         };
-        check_period(period_s, &place)?;
+        check_period(period_s, &|| at_line(self.path, period_line))?;
         if self.size_mm.is_some_and(|before| before != size_mm)
             || self.period_s.is_some_and(|before| before != period_s)
         {

@@ -1,5 +1,7 @@
 //! The exports of vendors' programs: their formats, and how a file's format is recognised from its content.
 
+use crate::footprint::capitalised;
+use crate::table::{not_commas, other_separator};
 use crate::text::{decode, strip_name};
 use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, pliance, tekscan, xsensor};
 use plantar::Side;
@@ -11,8 +13,26 @@ use std::path::Path;
 pub struct Export {
     /// One recording for each foot. Their times are on a common clock, unless one of the `remarks` states otherwise.
     pub feet: Vec<Recording>,
-    /// Sentences for the user: decisions of the import, and the comparison of its result with totals in the export.
+    /// Sentences for the user: decisions of the import, and the comparison of its result with totals in the export. One that
+    /// concerns one of two feet begins with its name, such as `Left foot`.
     pub remarks: Vec<String>,
+}
+
+impl Export {
+    /// Appends the remarks to the [`Recording::source`] of each foot that they concern.
+    fn with_stored_remarks(mut self) -> Self {
+        for foot in &mut self.feet {
+            let other = match foot.side {
+                Side::Left => Side::Right,
+                Side::Right => Side::Left,
+            };
+            let of_other = format!("{} foot", capitalised(other));
+            for remark in self.remarks.iter().filter(|remark| !remark.starts_with(&of_other)) {
+                foot.source += &format!(" {remark}");
+            }
+        }
+        self
+    }
 }
 
 /// A format of which the exported file suffices for an import, without a separate layout or geometry.
@@ -98,7 +118,16 @@ impl Format {
         if text.lines().take(40).any(|line| strip_name(line, "time[secs]").is_some()) {
             return refuse("a pedar export", "use plantar import pedar with --geometry, the geometry of its insole");
         }
-        if first_line.starts_with("t_s,") || first_line.starts_with("cell,") {
+        let (first_field, separator) = match first_line.find([',', ';', '\t']) {
+            Some(end) => (&first_line[..end], other_separator(&first_line[end..][..1])),
+            None => (first_line, None),
+        };
+        if ["t_s", "cell", "side"].contains(&first_field)
+            && let Some(separator) = separator
+        {
+            return Err(not_commas(path, separator));
+        }
+        if ["t_s", "cell"].contains(&first_field) {
             return refuse("frames or a layout in CSV", "use plantar import csv with --layout, --frames and --side");
         }
         let names: Vec<_> = Self::ALL.iter().map(|format| format.name()).collect();
@@ -123,7 +152,7 @@ impl Format {
     /// # Errors
     /// Fails if the content violates the format.
     pub fn parse(self, bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
-        match self {
+        let export = match self {
             Self::Xsensor => xsensor::parse(bytes, path, side),
             Self::Tekscan => tekscan::parse(bytes, path, side),
             Self::Emed => emed::parse(bytes, path, side),
@@ -132,7 +161,8 @@ impl Format {
             Self::Loadsol => loadsol::parse(bytes, path, side),
             Self::Gaitpdb => gaitpdb::parse(bytes, path, side),
             Self::Pliance => pliance::parse(bytes, path, side),
-        }
+        }?;
+        Ok(export.with_stored_remarks())
     }
 }
 

@@ -5,6 +5,7 @@
 //! only where an export does not state it; where it does, a contradiction leads to a warning.
 
 use crate::template::{self, FOREFOOT, HEEL};
+use crate::text::significant;
 use crate::{Cell, Recording};
 use plantar::{Region, Side};
 
@@ -23,6 +24,11 @@ const LEAST_ASYMMETRY: f64 = 0.05;
 const LEAST_EXTENT_MM: f64 = 80.0;
 /// Least total area of the cells under a whole foot, mm2. The number for an insole in cm2 is smaller.
 const LEAST_AREA_MM2: f64 = 250.0;
+/// Least plausible value of the largest force in a recording with a step, N. A child of 20 kg weighs 196 N; the number for an
+/// adult in N/cm2 or PSI is smaller.
+const LEAST_FORCE_N: f64 = 150.0;
+/// Largest plausible force on a foot, N: three times the weight of a runner of 135 kg.
+const MOST_FORCE_N: f64 = 4000.0;
 /// Largest asymmetry that rounding may cause, as a fraction of the width of the forefoot.
 const NO_ASYMMETRY: f64 = 1e-3;
 
@@ -134,7 +140,8 @@ impl Footprint<'_> {
 }
 
 /// Warnings, each with a remedy, about a layout that seems to be in another unit, to have exchanged axes, or to be upside down or
-/// mirrored. Only the first of these that applies is reported. Empty if none does.
+/// mirrored, of which only the first one that applies is reported; and about pressures that seem to be in another unit. Empty if
+/// none applies.
 pub fn warnings(recording: &Recording) -> Vec<String> {
     let cells = &recording.layout.cells;
     let under_foot = vec![true; cells.len()];
@@ -149,7 +156,8 @@ pub fn warnings(recording: &Recording) -> Vec<String> {
     let [medial_mm, lateral_mm] = footprint.extent_mm(|c| c.x_mm);
     let (width_mm, length_mm) = (lateral_mm - medial_mm, front_mm - back_mm);
     let area_mm2: f64 = cells.iter().map(|cell| cell.area_mm2).sum();
-    if width_mm.max(length_mm) < LEAST_EXTENT_MM || area_mm2 < LEAST_AREA_MM2 {
+    let is_in_other_unit = width_mm.max(length_mm) < LEAST_EXTENT_MM || area_mm2 < LEAST_AREA_MM2;
+    if is_in_other_unit {
         warnings.push(format!(
             "The cells of the {} foot extend over {:.1} mm, and have {area_mm2:.0} mm2 in total. If the layout is that of a \
              whole foot, it is in another unit, and the forces are wrong: state x_mm and y_mm in mm, and area_mm2 in mm2.",
@@ -179,7 +187,27 @@ pub fn warnings(recording: &Recording) -> Vec<String> {
             recording.side.name()
         ));
     }
+    warnings.extend(force_warning(recording).filter(|_| !is_in_other_unit));
     warnings
+}
+
+/// A warning if the largest force cannot be that of a step, because the pressures may be in another unit. A recording without any
+/// load leads to none.
+fn force_warning(recording: &Recording) -> Option<String> {
+    let largest_n = (0..recording.frames()).map(|i| recording.force_n(i)).fold(0.0, f64::max);
+    let reason = if largest_n > MOST_FORCE_N {
+        "more than a foot carries in running: check"
+    } else if 0.0 < largest_n && largest_n < LEAST_FORCE_N {
+        "less than a foot carries in walking: if the recording contains a step on the whole foot, check"
+    } else {
+        return None;
+    };
+    Some(format!(
+        "The largest force on the {} foot is {} N, {reason} the unit of the pressures. A file for `plantar import csv` states \
+         them in kPa.",
+        recording.side.name(),
+        significant(largest_n)
+    ))
 }
 
 /// Whether the force-time integral of toes 3 to 5 exceeds that of the hallux, in the regions of the template.

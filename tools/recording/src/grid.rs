@@ -154,7 +154,7 @@ impl Frames {
         self.loads.iter().for_each(|load| sums[load.frame] += load.kpa);
         let most = sums.iter().copied().fold(0.0, f32::max);
         let newtons = |sum: f32| cell_mm2.map_or(0.0, |mm2| f64::from(sum) * mm2 * 1e-3);
-        let the = side.map_or("The".to_owned(), |side| format!("{} foot: the", capitalised(side)));
+        let the = beginning(side);
         let ends = [("first", "heel strike", "before", sums.first()), ("last", "toe off", "after", sums.last())];
         for (name, event, place, sum) in ends {
             let Some(&sum) = sum else { continue };
@@ -233,7 +233,7 @@ impl Foot {
         let mut half_mm = [grid.column_mm / 2.0, grid.row_mm / 2.0];
         if grid.toes == Toes::AlongMovement {
             check_one_foot(&cells, &under_foot, &file)?;
-            if turn_toes_to_top(&mut cells, &under_foot, &pressure_kpa, remarks) {
+            if turn_toes_to_top(&mut cells, &under_foot, &pressure_kpa, side, remarks) {
                 half_mm.reverse();
             }
         }
@@ -264,16 +264,21 @@ impl Foot {
             ));
         }
         place_at_origin(&mut cells, &under_foot, half_mm);
-        note_partial_foot(&cells, &under_foot, half_mm, remarks);
+        note_partial_foot(&cells, &under_foot, half_mm, side, remarks);
         template::assign_within(&mut cells, &under_foot);
-        note_cells_beyond_foot(&cells, &under_foot, &pressure_kpa, remarks);
+        note_cells_beyond_foot(&cells, &under_foot, &pressure_kpa, side, remarks);
         let unchecked = UncheckedRecording { side, cells, t_s: frames.t_s, pressure_kpa, name, source };
         let recording = unchecked.recording(path, remarks)?;
         if recording.cells() <= MAX_CELLS {
             return Ok(recording);
         }
         let merged = recording.binned(MAX_CELLS)?;
-        remarks.push(format!("{} cells carry load: they were merged into {}.", recording.cells(), merged.cells()));
+        remarks.push(format!(
+            "{} foot: {} cells carry load: they were merged into {}.",
+            capitalised(side),
+            recording.cells(),
+            merged.cells()
+        ));
         Ok(merged)
     }
 }
@@ -316,15 +321,22 @@ fn check_one_foot(cells: &[Cell], under_foot: &[bool], file: &str) -> Result<()>
 }
 
 /// Turns the picture, so that the toes point to its top. Returns true for a quarter turn, which exchanges the width and the
-/// length of the cells. If the direction cannot be determined, adds a sentence to `remarks` and changes nothing.
-fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32], remarks: &mut Vec<String>) -> bool {
+/// length of the cells. If the direction cannot be determined, adds a sentence to `remarks` and changes nothing. The sentence
+/// names the foot `side`, if it is known.
+fn turn_toes_to_top(
+    cells: &mut [Cell],
+    under_foot: &[bool],
+    pressure_kpa: &[f32],
+    side: Option<Side>,
+    remarks: &mut Vec<String>,
+) -> bool {
     let footprint = Footprint { cells, under_foot, pressure_kpa };
     let Some([x, y]) = footprint.walking_direction() else {
-        remarks.push(
-            "The direction of walking cannot be determined, because the pressure does not move along the foot: the toes are \
-             assumed to point to the upper edge of the plate, as seen from above."
-                .to_owned(),
-        );
+        remarks.push(format!(
+            "{} direction of walking cannot be determined, because the pressure does not move along the foot: the toes are \
+             assumed to point to the upper edge of the plate, as seen from above.",
+            beginning(side)
+        ));
         return false;
     };
     for cell in cells {
@@ -336,7 +348,7 @@ fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32
 
 /// Adds to `remarks` if the loaded cells do not extend over a whole foot, to which the template is fitted. `half_mm` is half the
 /// size of a cell along x and y; the edges of the cells under the foot touch both axes.
-fn note_partial_foot(cells: &[Cell], under_foot: &[bool], half_mm: [f64; 2], remarks: &mut Vec<String>) {
+fn note_partial_foot(cells: &[Cell], under_foot: &[bool], half_mm: [f64; 2], side: Side, remarks: &mut Vec<String>) {
     /// Smallest plausible ratio of length to width. That of a footprint of an adult is about 2.5, that of a small child above 2.
     const LEAST_RATIO: f64 = 2.0;
     let most = |along: fn(&Cell) -> f64| {
@@ -346,16 +358,23 @@ fn note_partial_foot(cells: &[Cell], under_foot: &[bool], half_mm: [f64; 2], rem
     let (width_mm, length_mm) = (most(|c| c.x_mm) + half_mm[0], most(|c| c.y_mm) + half_mm[1]);
     if length_mm < LEAST_RATIO * width_mm {
         remarks.push(format!(
-            "The loaded cells are {length_mm:.0} mm long and {width_mm:.0} mm wide, so a part of the foot, such as the heel or the \
+            "{} loaded cells are {length_mm:.0} mm long and {width_mm:.0} mm wide, so a part of the foot, such as the heel or the \
              toes, seems to carry no load in any frame, unless the foot is turned. The regions are those of a whole foot of this \
-             length: import by `csv`, with a layout that states the regions, or include frames in which the whole foot is loaded."
+             length: import by `csv`, with a layout that states the regions, or include frames in which the whole foot is loaded.",
+            beginning(Some(side))
         ));
     }
 }
 
 /// Adds to `remarks` if cells in front of the foot or behind it carry a considerable part of the load of a region, for example by
 /// crosstalk. The extent of the foot does not include these cells, but their load counts in the regions next to them.
-fn note_cells_beyond_foot(cells: &[Cell], under_foot: &[bool], pressure_kpa: &[f32], remarks: &mut Vec<String>) {
+fn note_cells_beyond_foot(
+    cells: &[Cell],
+    under_foot: &[bool],
+    pressure_kpa: &[f32],
+    side: Side,
+    remarks: &mut Vec<String>,
+) {
     /// A region is named if cells beyond the foot carry at least this share of its load.
     const LEAST_SHARE: f64 = 0.1;
     let foot = || cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under).map(|(cell, _)| cell.y_mm);
@@ -378,12 +397,18 @@ fn note_cells_beyond_foot(cells: &[Cell], under_foot: &[bool], pressure_kpa: &[f
         let text = |(region, share): &(Region, f64)| format!("{:.0} % of {}", share * 100.0, region.name());
         let cells: usize = shares.iter().map(|(region, _)| beyond[*region as usize]).sum();
         remarks.push(format!(
-            "Loaded cells in front of the foot or behind it, perhaps because of crosstalk of the sensor: {cells}. They \
+            "{} foot: loaded cells in front of it or behind it, perhaps because of crosstalk of the sensor: {cells}. They \
              carry a part of the load: {}. If they are not under the foot, mask them in the vendor's program, and \
              export again.",
+            capitalised(side),
             shares.iter().map(text).collect::<Vec<_>>().join(", ")
         ));
     }
+}
+
+/// The beginning of a remark about a foot; without its name, if it is not known.
+fn beginning(side: Option<Side>) -> String {
+    side.map_or("The".to_owned(), |side| format!("{} foot: the", capitalised(side)))
 }
 
 /// Moves the cells, so that the edges of the cells under the foot touch both axes. `half_mm` is half the size of a cell along x

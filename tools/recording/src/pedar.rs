@@ -11,11 +11,12 @@ use crate::check::{self, At};
 use crate::separators::Separators;
 use crate::table::unreadable;
 use crate::table::{
-    self, Lines, another_measurement, at_line, check_blanks, check_later, check_width, file_name, number, pressure,
+    self, Lines, another_measurement, at_line, check_blanks, check_later, check_width, empty_field, file_name, number,
+    pressure,
 };
-use crate::text::{decode, parse_number, shortened, strip_name};
+use crate::text::{decode, first_number, parse_number, seconds, shortened, strip_name};
 use crate::units::StatedUnit;
-use crate::{Cell, Error, Layout, Recording, Result, rate, template, units};
+use crate::{Cell, Error, Export, Layout, Recording, Result, rate, template, units};
 use csv::StringRecord;
 use plantar::{Region, Side};
 use std::fs;
@@ -26,6 +27,10 @@ use std::path::Path;
 const AREA_TOLERANCE: f64 = 0.25;
 /// The number of lines that are read between two calls of `progress`.
 const LINES_PER_REPORT: usize = 1000;
+/// Beginning of the line that states the duration of the measurement.
+const TOTAL_TIME: &str = "total time [secs]";
+/// Largest rounding error of the stated duration, s.
+const TOTAL_ROUNDING_S: f64 = 0.05;
 /// First word of the line that names the columns.
 const TIME_COLUMN: &str = "time[secs]";
 
@@ -47,7 +52,30 @@ pub fn import(
     let (asc_path, geometry_path) = (asc_path.as_ref(), geometry_path.as_ref());
     let geometry = fs::read(geometry_path).map_err(Error::io(geometry_path))?;
     let asc = fs::read(asc_path).map_err(Error::io(asc_path))?;
-    read(&asc, asc_path, &geometry, geometry_path, side, progress)
+    Ok(read(&asc, asc_path, &geometry, geometry_path, side, progress)?.0)
+}
+
+/// As [`import`], for each of these feet. [`Export::remarks`] states if the export may be cut off.
+///
+/// # Errors
+/// Fails in the same cases as [`import`].
+pub fn import_feet(
+    asc_path: impl AsRef<Path>,
+    geometry_path: impl AsRef<Path>,
+    sides: &[Side],
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Export> {
+    let (asc_path, geometry_path) = (asc_path.as_ref(), geometry_path.as_ref());
+    let geometry = fs::read(geometry_path).map_err(Error::io(geometry_path))?;
+    let asc = fs::read(asc_path).map_err(Error::io(asc_path))?;
+    let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
+    for &side in sides {
+        let (foot, remark) = read(&asc, asc_path, &geometry, geometry_path, side, progress)?;
+        export.feet.push(foot);
+        // The remark is the same for both feet.
+        export.remarks = remark.into_iter().collect();
+    }
+    Ok(export)
 }
 
 /// As [`import`], from text. In messages the two texts are called `measurement.asc` and `geometry.csv`.
@@ -55,9 +83,10 @@ pub fn import(
 /// # Errors
 /// Fails if a line violates the format.
 pub fn parse(asc: &[u8], geometry: &[u8], side: Side) -> Result<Recording> {
-    read(asc, Path::new("measurement.asc"), geometry, Path::new("geometry.csv"), side, &mut |_, _| {})
+    Ok(read(asc, Path::new("measurement.asc"), geometry, Path::new("geometry.csv"), side, &mut |_, _| {})?.0)
 }
 
+/// The recording of a foot, and a remark if the export may be cut off, which [`Recording::source`] contains, too.
 fn read(
     asc: &[u8],
     asc_path: &Path,
@@ -65,7 +94,7 @@ fn read(
     geometry_path: &Path,
     side: Side,
     progress: &mut dyn FnMut(u64, u64),
-) -> Result<Recording> {
+) -> Result<(Recording, Option<String>)> {
     let all_cells = read_geometry(geometry, geometry_path, side)?;
     let text = decode(asc, asc_path)?;
     let mut lines = (1..).zip(text.lines());
@@ -84,12 +113,22 @@ fn read(
     check::pressures(&frames.pressure_kpa, cells.len(), &place)?;
     let layout = Layout { name: format!("pedar insole, {} sensors", cells.len()), cells };
     check::geometry(&layout, &geometry_path.display().to_string())?;
-    Ok(Recording {
+    let remark = header.total_s.zip(frames.t_s.last()).and_then(|(total_s, &last_s)| {
+        // The stated time may count the intervals between the frames or the frames, and be rounded.
+        (total_s - last_s > 1.5 / rate_hz + TOTAL_ROUNDING_S).then(|| {
+            format!(
+                "The header states a total time of {} s, but the last frame is at {} s: the export may be cut off.",
+                seconds(total_s),
+                seconds(last_s)
+            )
+        })
+    });
+    let recording = Recording {
         side,
         layout,
         rate_hz,
         source: format!(
-            "pedar measurement {}, {} insole, geometry {}, regions by template.{}{}",
+            "pedar measurement {}, {} insole, geometry {}, regions by template.{}{}{}",
             file_name(asc_path),
             side.name(),
             file_name(geometry_path),
@@ -98,11 +137,13 @@ fn read(
                 1 => " 1 sensor is not in the export.".to_owned(),
                 masked => format!(" {masked} sensors are not in the export."),
             },
-            if header.unit.is_some() { "" } else { " The export states no unit: kPa is assumed." }
+            if header.unit.is_some() { "" } else { " The export states no unit: kPa is assumed." },
+            remark.iter().map(|remark| format!(" {remark}")).collect::<String>()
         ),
         t_s: frames.t_s,
         pressure_kpa: frames.pressure_kpa,
-    })
+    };
+    Ok((recording, remark))
 }
 
 /// The cells of one insole in foot coordinates, in the order of the sensor numbers.
@@ -123,6 +164,9 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
         let line = lines.of(&reader, record.position());
         let place = || at_line(path, line);
         check_width(record.len(), header.len(), &place)?;
+        if record[0].is_empty() {
+            return Err(empty_field("side", &place));
+        }
         if !["left", "right"].contains(&&record[0]) {
             let problem = format!("unknown side `{}`", shortened(&record[0]));
             return Err(Error::content(place(), problem, "use left or right"));
@@ -209,6 +253,8 @@ struct Frames {
 struct Header {
     /// Number of the line that names the columns.
     line: u64,
+    /// The duration of the measurement, s, if the export states it.
+    total_s: Option<f64>,
     /// The unit of the pressures, if the export states it.
     unit: Option<StatedUnit>,
     /// The numbers of the sensors of each foot in the export.
@@ -266,12 +312,15 @@ pub fn feet(asc_path: impl AsRef<Path>) -> Result<usize> {
 
 /// Consumes the lines up to the line that names the columns.
 fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header> {
-    let mut unit = None;
+    let (mut unit, mut total_s) = (None, None);
     // The sensors of both feet by the mask definition.
     let mut masks = [Vec::new(), Vec::new()];
     for (line, row) in lines {
         let place = || at_line(path, line);
         units::update_stated(&mut unit, row, &place)?;
+        if let Some(rest) = strip_name(row, TOTAL_TIME) {
+            total_s = first_number(rest);
+        }
         for (mask, name) in masks.iter_mut().zip(["left insole:", "right insole:"]) {
             if let Some(numbers) = strip_name(row, name) {
                 *mask = numbers.split(',').filter_map(|number| number.trim().parse().ok()).collect();
@@ -298,7 +347,7 @@ fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path
             // The sensor numbers of a foot increase, so a number that does not increase begins the second foot.
             (sensors.chunk_by(|before, sensor| before < sensor).map(<[usize]>::to_vec).collect(), None)
         };
-        return Ok(Header { line, unit, feet, side });
+        return Ok(Header { line, total_s, unit, feet, side });
     }
     Err(Error::content(
         path.display().to_string(),
@@ -337,6 +386,13 @@ fn read_frames<'a>(
             }
         }
         check_width(fields.len(), header.width(), &place)?;
+        if let Some(field) = row.split_whitespace().find(|field| field.matches([',', '.']).nth(1).is_some()) {
+            return Err(Error::content(
+                place(),
+                format!("`{}` has more than one decimal or thousands separator", shortened(field)),
+                "export the measurement without thousands separators",
+            ));
+        }
         row.split_whitespace().skip(1).for_each(|field| separators.add(field, line));
         let now_s = number(fields[0], TIME_COLUMN, &place)?;
         check_later(now_s, frames.t_s.last().copied(), &place)?;

@@ -16,7 +16,7 @@ use std::path::Path;
 
 /// First word of the line that names the sensors.
 const TIME_COLUMN: &str = "time[secs]";
-/// The first line with the corners, if they are numbered from 0 or from 1 on.
+/// The name of the first line with corners, for corners that are numbered from 0 and from 1.
 const FIRST_CORNER: [&str; 2] = ["x[0]", "x[1]"];
 
 /// True for the text of a pliance export with the corners of the sensors.
@@ -188,7 +188,7 @@ fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
         .collect();
     // Of two sensors in the same place, only the pressure of the last one would be imported.
     if cells.iter().collect::<BTreeSet<_>>().len() < sensors {
-        let problem = "two sensors have the same corners";
+        let problem = "two sensors are in the same place";
         let remedy = "export the measurement again, or correct the corners of the sensors";
         return Err(Error::content(path.display().to_string(), problem, remedy));
     }

@@ -16,6 +16,11 @@ const LINE_FRAMES: f64 = 3.0;
 /// Largest relative difference of two rates that count as equal: a stated rate may be rounded.
 const EQUAL_SHARE: f64 = 0.01;
 
+/// A computed time, rounded to 1 ns, so that rounding errors do not appear in the decimals of text files.
+pub fn rounded_s(t_s: f64) -> f64 {
+    (t_s * 1e9).round() / 1e9
+}
+
 /// True if two recordings with these rates, Hz, can be compared frame by frame.
 pub fn is_same_rate(first_hz: f64, second_hz: f64) -> bool {
     (first_hz / second_hz - 1.0).abs() <= EQUAL_SHARE
@@ -130,7 +135,7 @@ pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
         let after = (before + 1).min(t_s.len() - 1);
         let gap_s = t_s[after] - t_s[before];
         let share = if gap_s > 0.0 { ((now_s - t_s[before]) / gap_s).min(1.0) as f32 } else { 0.0 };
-        resampled_s.push(now_s);
+        resampled_s.push(rounded_s(now_s));
         pressure_kpa
             .extend(recording.frame(before).iter().zip(recording.frame(after)).map(|(a, b)| a + (b - a) * share));
     }

@@ -89,7 +89,7 @@ impl Recording {
         file::write(self, path.as_ref())
     }
 
-    /// The same recording resampled to `rate_hz` by linear interpolation between frames.
+    /// The same recording resampled to `rate_hz` by linear interpolation between frames. The times are rounded to 1 ns.
     ///
     /// No filter is applied: on downsampling, content above half the new rate aliases.
     ///

@@ -15,13 +15,33 @@ pub fn open<R: Read>(from: R) -> Reader<R> {
 /// The header of a CSV file, its first line.
 ///
 /// # Errors
-/// Fails if the file cannot be read or is empty.
+/// Fails if the file cannot be read or is empty, or if semicolons or tabs separate its fields.
 pub fn header<R: Read>(reader: &mut Reader<R>, file: &Path) -> Result<StringRecord> {
     let header = reader.headers().map_err(|error| unreadable(file, error))?.clone();
-    match header.is_empty() {
-        false => Ok(header),
-        true => Err(Error::content(at_line(file, 1), "the file is empty", "export or write it again")),
+    if header.is_empty() {
+        return Err(Error::content(at_line(file, 1), "the file is empty", "export or write it again"));
     }
+    match other_separator(header.get(0).unwrap_or_default()) {
+        Some(separator) => Err(not_commas(file, separator)),
+        None => Ok(header),
+    }
+}
+
+/// The separator in the first line of a file, or in the first field of this line, if it is a semicolon or a tab. No name of a
+/// column contains one.
+pub fn other_separator(line: &str) -> Option<char> {
+    line.chars().find(|c| [';', '\t'].contains(c))
+}
+
+/// The error for a CSV file in which a semicolon or a tab separates the fields.
+pub fn not_commas(file: &Path, separator: char) -> Error {
+    let name = if separator == '\t' { "a tab".to_owned() } else { format!("`{separator}`") };
+    Error::content(
+        at_line(file, 1),
+        format!("{name} separates the fields, expected `,`, and points in decimal numbers"),
+        "save the file with commas between the fields and decimal points; a spreadsheet does so if its region is the United \
+         States",
+    )
 }
 
 /// Determines the line numbers of CSV records.
@@ -72,12 +92,22 @@ pub fn unreadable(file: &Path, error: csv::Error) -> Error {
 pub fn number(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f64> {
     match field.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
+        _ if field.is_empty() => Err(empty_field(column, place)),
         _ => Err(Error::content(
             place(),
             format!("`{}` in column {} is not a finite number", shortened(field), shortened(column)),
             "write a finite number, with a point as the decimal separator",
         )),
     }
+}
+
+/// The error for an empty field, as in the rows below the data that a spreadsheet may add.
+pub fn empty_field(column: &str, place: &dyn Fn() -> String) -> Error {
+    Error::content(
+        place(),
+        format!("an empty field in column {}", shortened(column)),
+        "write a finite number; if the rows at the end of the file are empty, delete them",
+    )
 }
 
 /// As [`number`], for a pressure, which must be finite and not negative. `unit` is its unit in the file and in messages.
@@ -100,18 +130,18 @@ pub fn another_measurement(place: String) -> Error {
 
 /// Checks that the time of a line is later than that of the previous line.
 pub fn check_later(now_s: f64, before_s: Option<f64>, place: &dyn Fn() -> String) -> Result<()> {
-    let problem = match before_s {
-        Some(before_s) if now_s == before_s => format!("time {now_s} s is repeated"),
+    let (problem, remedy) = match before_s {
+        Some(before_s) if now_s == before_s => (
+            format!("time {now_s} s is repeated"),
+            "if the times are rounded, export them with more digits; if the frame is a duplicate, remove it",
+        ),
         Some(before_s) if now_s < before_s => {
-            format!("time runs backwards from {before_s} s to {now_s} s")
+            (format!("time runs backwards from {before_s} s to {now_s} s"), "sort the frames by time")
         }
         _ => return Ok(()),
     };
-    Err(Error::content(
-        place(),
-        problem,
-        "sort the frames by time and remove duplicates; if another measurement begins here, move it to a file of its own",
-    ))
+    let remedy = format!("{remedy}; if another measurement begins here, move it to a file of its own");
+    Err(Error::content(place(), problem, remedy))
 }
 
 /// Checks that blanks or tabs separate the fields of a header, and neither semicolons nor commas.

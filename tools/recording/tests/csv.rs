@@ -130,6 +130,24 @@ fn unknown_and_missing_layout_columns_are_rejected() {
     assert_refused("", FRAMES, &["layout.csv:1", "the file is empty"]);
 }
 
+/// As a spreadsheet of a region with decimal commas writes them.
+#[test]
+fn semicolons_and_tabs_between_the_fields_are_named() {
+    for (separator, shown) in [(";", "`;` separates"), ("\t", "a tab separates")] {
+        let with = |text: &str| text.replace(',', separator).replace('.', ",");
+        let expected = [shown, "expected `,`", "decimal points"];
+        assert_refused(&with(LAYOUT), FRAMES, &[&["layout.csv:1"][..], &expected].concat());
+        assert_refused(LAYOUT, &with(FRAMES), &[&["frames.csv:1"][..], &expected].concat());
+    }
+}
+
+#[test]
+fn empty_rows_of_a_spreadsheet_are_named() {
+    let remedy = ["an empty field in column", "at the end of the file are empty, delete them"];
+    assert_refused(LAYOUT, &format!("{FRAMES},,\n"), &[&["frames.csv:5", "t_s"][..], &remedy].concat());
+    assert_refused(&format!("{LAYOUT},,,,\n"), FRAMES, &[&["layout.csv:4", "cell"][..], &remedy].concat());
+}
+
 #[test]
 fn invalid_layout_rows_are_rejected() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
@@ -221,7 +239,7 @@ fn invalid_frame_rows_are_rejected() {
     refused("0.01,3,", &long, &["frames.csv:3", &shown]);
     refused("0.01,3,", "0.01,60000,", &["frames.csv:3", "c0", "60000 kPa", "0 to 50000 kPa"]);
     refused("0.02,", "0.00,", &["frames.csv:4", "backwards"]);
-    refused("0.02,", "0.01,", &["frames.csv:4", "repeated"]);
+    refused("0.02,", "0.01,", &["frames.csv:4", "repeated", "export them with more digits"]);
     refused("0.02,", "soon,", &["frames.csv:4", "`soon` in column t_s"]);
 }
 

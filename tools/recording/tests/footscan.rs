@@ -203,8 +203,10 @@ fn the_remark_on_a_cut_contact_names_the_foot() {
 fn a_negative_force_is_read_as_a_pressure_of_zero_with_a_remark() {
     let text = file(&foot(Side::Right, false));
     let export = parse(&text.replacen("(0.00 ms)\n0.00000", "(0.00 ms)\n-0.10000", 1)).unwrap();
-    assert_eq!(export.feet, parse(&text).unwrap().feet);
     let remarks = export.remarks.join(" ");
+    let [mut foot, mut clean] = [export, parse(&text).unwrap()].map(|export| export.feet[0].clone());
+    (foot.source, clean.source) = (String::new(), String::new());
+    assert_eq!(foot, clean);
     assert!(remarks.contains("in all frames together: 1. The lowest one is -2.58 kPa"), "{remarks}");
 }
 

@@ -83,6 +83,24 @@ fn sensors_that_a_mask_excluded_are_missing_in_the_layout() {
     assert_eq!(import(masked, GEOMETRY, Side::Right).unwrap().pressure_kpa, [3.0, 4.0, 7.0, 8.0, 11.0, 12.0]);
 }
 
+/// The frames of [`ASC`] end at 0.03 s.
+#[test]
+fn an_export_that_ends_before_its_stated_time_has_a_remark() {
+    let folder = TempDir::new().unwrap();
+    let paths = ["walk.asc", "geometry.csv"].map(|name| folder.path().join(name));
+    std::fs::write(&paths[1], GEOMETRY).unwrap();
+    for (total, is_cut_off) in [("0.030", false), ("0,040", false), ("15.050", true)] {
+        let asc = format!("total time [secs]:  {total}\ttime per frame [secs]:  0.01\tscanning rate [Hz]: 100\n{ASC}");
+        std::fs::write(&paths[0], asc).unwrap();
+        let export = pedar::import_feet(&paths[0], &paths[1], &[Side::Left, Side::Right], &mut |_, _| {}).unwrap();
+        assert_eq!(export.remarks.len(), usize::from(is_cut_off), "{total}: {:?}", export.remarks);
+        for foot in &export.feet {
+            let words = ["15.05 s, but the last frame is at 0.03 s", "cut off"];
+            assert_eq!(words.iter().all(|word| foot.source.contains(word)), is_cut_off, "{}", foot.source);
+        }
+    }
+}
+
 #[track_caller]
 fn assert_refused(asc: &str, geometry: &str, expected: &[&str]) {
     let error = import(asc, geometry, Side::Right).unwrap_err().to_string();
@@ -104,6 +122,7 @@ fn the_error_for_an_invalid_measurement_names_the_line() {
     refused("\t7\t8", "\t7\t-8", &["walk.asc:6", "right 2", "at least 0"]);
     refused("\t7\t8", "\t7\tNaN", &["walk.asc:6", "right 2", "finite"]);
     refused("\t7\t8", "\t7\t60000", &["walk.asc:6", "right 2", "60000 kPa", "0 to 50000 kPa"]);
+    refused("\t7\t8", "\t7\t1,028.5", &["walk.asc:6", "`1,028.5`", "without thousands separators"]);
     refused("0.02", "0.01", &["walk.asc:6", "repeated"]);
     refused("0.03", "0.005", &["walk.asc:7", "backwards"]);
     refused("0.03\t9", "0.07\t9", &["walk.asc:7", "after the frame before"]);
@@ -115,6 +134,8 @@ fn the_error_for_an_invalid_geometry_names_the_line() {
         assert_refused(ASC, &GEOMETRY.replace(from, to), expected);
     };
     refused("area_mm2", "area", &["geometry.csv:1", "the header is side,sensor"]);
+    refused(",", ";", &["geometry.csv:1", "`;` separates the fields, expected `,`"]);
+    refused("left,1", ",,,,,,,,,,\nleft,1", &["geometry.csv:4", "an empty field in column side"]);
     refused("right,1,100", "right,1,150", &["geometry.csv:2", "enclose 100"]);
     refused("right,1,100", "right,1,0", &["geometry.csv:2", "area 0"]);
     refused("right,2", "right,3", &["geometry.csv:3", "expected 2"]);

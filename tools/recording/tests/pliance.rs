@@ -118,7 +118,7 @@ fn damaged_files_are_refused_with_the_place_and_a_remedy() {
         }
         _ => format!("{line}\n"),
     });
-    assert_message(parse(&doubled.collect::<String>()), "step.asc: ", &["same corners"]);
+    assert_message(parse(&doubled.collect::<String>()), "step.asc: ", &["same place"]);
     assert_message(changed("\n5.01000 0.000", "\n5.01000"), "step.asc:8: ", &["330 columns"]);
     assert_message(changed("\n5.01000 0.000", "\n5.01000 -1"), "step.asc:8: ", &["-1 kPa", "at least 0"]);
     let in_bars = text.replacen("kPa", "bar", 1).replacen("\n5.01000 0.000", "\n5.01000 -1", 1);

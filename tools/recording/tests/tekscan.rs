@@ -65,11 +65,14 @@ fn load_in_front_of_the_foot_is_named() {
     }
     let remark = |text: &str| {
         let export = parse(text).unwrap();
-        export.remarks.into_iter().find(|remark| remark.contains("in front of the foot"))
+        let remark = export.remarks.into_iter().find(|remark| remark.contains("in front of it"));
+        assert_eq!(export.feet[0].source.contains("in front of it"), remark.is_some(), "{}", export.feet[0].source);
+        remark
     };
     assert_eq!(remark(&clean), None);
     let remark = remark(&with_ghosts).expect("a remark");
-    assert!(remark.contains("of the sensor: 4.") && remark.contains("mask them"), "{remark}");
+    assert!(remark.starts_with("Right foot: loaded cells") && remark.contains("of the sensor: 4."), "{remark}");
+    assert!(remark.contains("mask them"), "{remark}");
 }
 
 /// The exports of both feet of a measurement can begin with different frames.

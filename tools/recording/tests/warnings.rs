@@ -3,9 +3,10 @@
 use plantar::{Region, Side};
 use recording::{Cell, Layout, Recording, footprint};
 
-/// A foot of ten cells in one row of the length `length_mm`. In each contact, the load moves by `moves` cells.
+/// A foot of ten cells in one row of the length `length_mm`. In each contact, the load moves by `moves` cells. It is about 300 N:
+/// up to 100 kPa on one of five cells of 10 cm2, and together twice this on the other four.
 fn contacts(length_mm: f64, moves: &[f64]) -> Recording {
-    let cell = |i: usize| Cell { x_mm: 20.0, y_mm: length_mm * i as f64 / 9.0, area_mm2: 100.0, region: Region::Heel };
+    let cell = |i: usize| Cell { x_mm: 20.0, y_mm: length_mm * i as f64 / 9.0, area_mm2: 1000.0, region: Region::Heel };
     let mut pressure_kpa: Vec<f32> = Vec::new();
     for by in moves {
         for frame in 0..30 {
@@ -46,4 +47,27 @@ fn layouts_in_cm_and_with_exchanged_axes_lead_to_a_warning() {
     }
     assert!(footprint::warnings(&exchanged)[0].contains("exchanged"), "{:?}", footprint::warnings(&exchanged));
     assert!(footprint::warnings(&contacts(250.0, &[8.0])).is_empty());
+}
+
+/// The weight of a child of 20 kg is 196 N.
+#[test]
+fn a_force_that_no_step_has_leads_to_a_warning_about_the_unit() {
+    let walk = contacts(250.0, &[8.0]);
+    let warnings = |factor: f32| {
+        let mut walk = walk.clone();
+        let most_n = (0..walk.frames()).map(|i| walk.force_n(i)).fold(0.0, f64::max) as f32;
+        walk.pressure_kpa.iter_mut().for_each(|kpa| *kpa *= factor / most_n);
+        footprint::warnings(&walk)
+    };
+    for usual_n in [0.0, 196.0, 850.0, 3500.0] {
+        assert_eq!(warnings(usual_n), Vec::<String>::new(), "{usual_n} N");
+    }
+    // Those of an adult with 990 N in N/cm2, PSI and mmHg, read as kPa, and those in kPa, read as N/cm2.
+    for (wrong_n, stated) in [(99.0, "99.0 N"), (143.0, "143 N"), (7430.0, "7430 N"), (8501.0, "8501 N")] {
+        let warnings = warnings(wrong_n);
+        assert!(
+            warnings.len() == 1 && warnings[0].contains(stated) && warnings[0].contains("the unit"),
+            "{warnings:?}"
+        );
+    }
 }

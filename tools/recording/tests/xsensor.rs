@@ -183,8 +183,11 @@ fn empty_and_negative_pressures_are_read_as_zero_and_counted() {
     let row = section(&lines, "SENSELS", 0) + 1;
     (lines[row][0], lines[row][1]) = (String::new(), "-3.5".to_owned());
     let export = parse(&text(USUAL, &lines)).unwrap();
+    let [left, right] = &export.feet[..] else { panic!("two feet") };
+    assert!(left.source.contains("foot: 2 fields"), "{}", left.source);
+    assert!(!right.source.contains("2 fields"), "{}", right.source);
     assert!(export.remarks.iter().any(|r| {
-        r.contains("2 fields of the left foot, in all frames together, are empty, negative or a placeholder")
+        r.starts_with("Left foot: 2 fields, in all frames together, are empty, negative or a placeholder")
     }));
 }
 

@@ -43,6 +43,11 @@ fn table_1_and_the_errors_have_means_and_deviations_by_size() {
     // The standard deviation of 20 and 30 is sqrt(50) = 7.07.
     assert!(html.contains(&format!("<th scope=\"row\">37–38</th>{}", cells(&["2", "1/1", "25.0 ± 7.1", "–", "–"]))));
     assert!(html.contains(&format!("<th scope=\"row\">43–44</th>{}", cells(&["1", "0/0/1", "40.0", "–", "–"]))));
+    // The age of one of two people is unknown.
+    let mut people = people.clone();
+    people[1].settings.age_years = None;
+    let partial = report::cohort_html(&Cohort { people: &people, ..cohort });
+    assert!(partial.contains(&format!("<th scope=\"row\">37–38</th>{}", cells(&["2", "1/1", "20.0 (1)", "–", "–"]))));
     // The means of the two people are 2 and 11, each plus the index of the variable. The mean over the people is therefore 6.5
     // plus the index, and the standard deviation is 6.4.
     let i = Variable::nrmse().index() as f64;
@@ -54,6 +59,26 @@ fn table_1_and_the_errors_have_means_and_deviations_by_size() {
     assert!(report::cohort_html(&none).contains("at least two recordings each of the left foot"));
     // A chart of the errors, one for each quantity and parameter, and one of the repeatability.
     assert_eq!(html.matches("<figure").count(), 1 + 15 + 8 + 1);
+}
+
+/// The errors of the two people differ by the factor 40, and so must the lengths of their bars, which are rounded to 0.1.
+#[test]
+fn bars_begin_at_zero_even_if_errors_differ_by_a_large_factor() {
+    let with_errors = |name, size_eur, percent: f64| {
+        let values: Values = Variable::all().map(|_| Some(percent)).collect();
+        let trial = Trial { regions: std::array::from_fn(|_| Some(values.clone())), ..trial(percent) };
+        person(name, size_eur, Sex::Female, 20.0, vec![trial])
+    };
+    let people = [with_errors("ann", 37, 2.5), with_errors("bea", 43, 100.0)];
+    let cohort = Cohort { people: &people, feet: &[], incomplete: &[], contact: ContactRule::COUNTED };
+    let html = report::cohort_html(&cohort);
+    // The width is the third attribute after the class.
+    let length = |bar: &str| bar.split('"').nth(5).and_then(|text| text.parse().ok()).expect("a width");
+    let lengths: Vec<f64> = html.split("<rect class=\"fill own\"").skip(1).map(length).collect();
+    assert_eq!(lengths.len(), 8 * 2, "a bar for each region and size");
+    for bars in lengths.chunks_exact(2) {
+        assert!((bars[0] - bars[1] / 40.0).abs() < 0.1, "{bars:?}");
+    }
 }
 
 #[test]

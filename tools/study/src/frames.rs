@@ -1,5 +1,6 @@
-//! The live values of a frame as a row of numbers. An absent value is `None`. `cop` is the centre of pressure, of
-//! the foot or of a region; `docs/quantities.md` defines the quantities of the ellipse and most of the others.
+//! The live values of a frame as a row of numbers. An absent value is `None`. `cop` is the centre of pressure, of the foot or
+//! of a region; `total_force_n` is the sum of the measured forces of the regions. `docs/quantities.md` defines the other
+//! quantities, those of the ellipse and the masked cells under a step; here they hold for the frame.
 
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;

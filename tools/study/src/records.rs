@@ -1,8 +1,10 @@
 //! Table columns of the quantities and flags that an insole reports.
 
 use crate::table::{Row, Value};
-use plantar::Region;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::step::StepRecord;
 use plantar::protocol::{Flag, Quantity, Step, StepFoot, StepRegion};
+use plantar::{Region, Side};
 
 /// The row of the region with index `i` of [`Region::ALL`] in a step. The order of the columns is part of the format of tables.
 ///
@@ -29,6 +31,23 @@ pub fn step_row(step: &Step, i: usize) -> Row {
     row.extend(columns(nested, r));
     row.extend(columns(StepFoot::QUANTITIES, &step.foot));
     row
+}
+
+/// A row without values, for the names and types of the columns of a table of steps that may have no rows.
+pub fn step_columns() -> Row {
+    let step = Step::new(&StepRecord::<f32> {
+        side: Side::Left,
+        step: 0,
+        start_us: 0,
+        duration_us: 0,
+        sample_us: 0,
+        bridged_frames: 0,
+        saturated: 0,
+        contact_rule: ContactRule::COVERED,
+        foot: Default::default(),
+        regions: Default::default(),
+    });
+    step_row(&step, 0)
 }
 
 /// The columns of these quantities, with the values that they have in `of`: a live frame, a step, a load bout or a region.

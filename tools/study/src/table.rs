@@ -8,7 +8,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use parquet::schema::types::Type;
 use std::fs::{self, File};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -43,6 +43,17 @@ impl Value {
 
     fn flag(&self) -> Option<bool> {
         if let Self::Flag(value) = self { *value } else { None }
+    }
+
+    /// The field of a CSV file; empty for null.
+    pub fn to_field(&self) -> String {
+        match self {
+            Self::Text(value) => value.clone(),
+            Self::Integer(value) => value.map(|value| value.to_string()),
+            Self::Real(value) => value.map(|value| value.to_string()),
+            Self::Flag(value) => value.map(|value| value.to_string()),
+        }
+        .unwrap_or_default()
     }
 }
 
@@ -83,41 +94,7 @@ pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows
     let temporary = path.with_file_name(format!(".{}.part", path.file_name().unwrap_or_default().to_string_lossy()));
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        let field = |(name, value): &(Name, Value)| {
-            let (physical, logical) = match value {
-                Value::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
-                Value::Integer(_) => (Physical::INT32, None),
-                Value::Real(_) => (Physical::DOUBLE, None),
-                Value::Flag(_) => (Physical::BOOLEAN, None),
-            };
-            Type::primitive_type_builder(name.as_ref(), physical)
-                .with_repetition(Repetition::OPTIONAL)
-                .with_logical_type(logical)
-                .build()
-                .map(Arc::new)
-        };
-        let fields = rows[0].iter().map(field).collect::<Result<_, _>>()?;
-        let schema = Arc::new(Type::group_type_builder("row").with_fields(fields).build()?);
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::SNAPPY)
-            .set_key_value_metadata(metadata.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value.to_owned())]))
-            .build();
-        let mut file = SerializedFileWriter::new(File::create(&temporary)?, schema, Arc::new(properties))?;
-        let mut group = file.next_row_group()?;
-        let mut index = 0;
-        while let Some(mut column) = group.next_column()? {
-            let values = rows.iter().map(|row| &row[index].1);
-            match &rows[0][index].1 {
-                Value::Text(_) => write_column::<ByteArrayType>(&mut column, values.map(Value::text)),
-                Value::Integer(_) => write_column::<Int32Type>(&mut column, values.map(Value::integer)),
-                Value::Real(_) => write_column::<DoubleType>(&mut column, values.map(Value::real)),
-                Value::Flag(_) => write_column::<BoolType>(&mut column, values.map(Value::flag)),
-            }?;
-            column.close()?;
-            index += 1;
-        }
-        group.close()?;
-        file.into_inner()?.sync_all()?;
+        to_parquet(File::create(&temporary)?, metadata, &rows[0], [rows])?.sync_all()?;
         fs::rename(&temporary, path)?;
         // The new name is also synchronised. Windows has no such request for a folder, and neither have some file systems.
         #[cfg(unix)]
@@ -135,6 +112,59 @@ pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows
         let _ = fs::remove_file(&temporary);
     });
     written.with_context(|| format!("cannot write {}: check its permissions and the free disk space", path.display()))
+}
+
+/// Writes groups of rows as Parquet to `to`, and returns it. All rows must have the columns of `columns`, of which only the names
+/// and types are used; there may be no rows at all. `metadata` is a key and its value for the metadata of the file.
+///
+/// # Errors
+/// Fails if `to` cannot be written.
+///
+/// # Panics
+/// Panics if a row has fewer columns than `columns`.
+pub fn to_parquet<W: Write + Send, Name: AsRef<str>>(
+    to: W,
+    metadata: Option<(&str, &str)>,
+    columns: &Row<Name>,
+    groups: impl IntoIterator<Item = impl AsRef<[Row<Name>]>>,
+) -> Result<W> {
+    let field = |(name, value): &(Name, Value)| {
+        let (physical, logical) = match value {
+            Value::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+            Value::Integer(_) => (Physical::INT32, None),
+            Value::Real(_) => (Physical::DOUBLE, None),
+            Value::Flag(_) => (Physical::BOOLEAN, None),
+        };
+        Type::primitive_type_builder(name.as_ref(), physical)
+            .with_repetition(Repetition::OPTIONAL)
+            .with_logical_type(logical)
+            .build()
+            .map(Arc::new)
+    };
+    let fields = columns.iter().map(field).collect::<Result<_, _>>()?;
+    let schema = Arc::new(Type::group_type_builder("row").with_fields(fields).build()?);
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::SNAPPY)
+        .set_key_value_metadata(metadata.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value.to_owned())]))
+        .build();
+    let mut file = SerializedFileWriter::new(to, schema, Arc::new(properties))?;
+    for rows in groups {
+        let mut group = file.next_row_group()?;
+        let mut index = 0;
+        while let Some(mut column) = group.next_column()? {
+            let values = rows.as_ref().iter().map(|row| &row[index].1);
+            match &columns[index].1 {
+                Value::Text(_) => write_column::<ByteArrayType>(&mut column, values.map(Value::text)),
+                Value::Integer(_) => write_column::<Int32Type>(&mut column, values.map(Value::integer)),
+                Value::Real(_) => write_column::<DoubleType>(&mut column, values.map(Value::real)),
+                Value::Flag(_) => write_column::<BoolType>(&mut column, values.map(Value::flag)),
+            }?;
+            column.close()?;
+            index += 1;
+        }
+        group.close()?;
+    }
+    Ok(file.into_inner()?)
 }
 
 /// Writes the values of a column; `None` is null.

@@ -94,45 +94,51 @@ test("the steps of a recording are not shown together with the wearer's steps", 
   await page.close();
 });
 
-test("the soles are drawn once with every frame of the screen, and not while another view is shown", async () => {
+test("the soles are drawn at most once with each frame of the screen, and not while another view is shown", async () => {
   const page = await open(served.browser, "about:blank", { viewport: PHONE });
   // The clock of the page is that of the test, so that a busy computer delays no frame of the recording.
-  await page.clock.install();
+  const start = new Date("2026-01-01T12:00:00Z");
+  await page.clock.install({ time: start });
+  await page.clock.pauseAt(start);
   await page.goto(replay);
-  await page.waitForFunction(() => parseFloat(document.querySelector("#totals dd")?.textContent ?? "") > 100);
-  await page.clock.pauseAt((await page.evaluate(() => Date.now())) + 1000);
+  const has_load = () => page.evaluate(() => parseFloat(document.querySelector("#totals dd")?.textContent ?? "") > 100);
+  while (!(await has_load())) await page.clock.runFor(100);
   /**
-   * The number of drawings of a sole within `frames` frames of the screen, and of those after which the picture was another one.
-   * Each drawing of a sole first clears a part of the canvas.
+   * The number of drawings of each sole within `frames` frames of the screen, at most one for each, and the number of frames
+   * with another picture than the frame before. Each drawing of a sole first clears its half of the canvas.
    */
   const drawings = async (frames: number) => {
     const counted = page.evaluate(async (frames) => {
       const context = document.querySelector<HTMLCanvasElement>("#soles")!.getContext("2d")!;
       const { width, height } = context.canvas;
-      let [count, changed, last] = [0, 0, 0];
+      let [most, drawn, changed, last] = [0, 0, 0, 0];
       context.clearRect = (...area) => {
-        count += 1;
+        drawn += 1;
         CanvasRenderingContext2D.prototype.clearRect.apply(context, area);
       };
       for (let i = 0; i < frames; i += 1) {
         await new Promise(requestAnimationFrame);
-        const pixels = new Uint32Array(context.getImageData(0, 0, width, height).data.buffer);
+        // The canvas of a view that is not shown has no size.
+        const pixels = width > 0 ? new Uint32Array(context.getImageData(0, 0, width, height).data.buffer) : new Uint32Array();
         const picture = pixels.reduce((hash, pixel) => (31 * hash + pixel) | 0, 0);
         if (picture !== last) changed += 1;
-        last = picture;
+        [most, drawn, last] = [Math.max(most, drawn), 0, picture];
       }
       Reflect.deleteProperty(context, "clearRect");
-      return { count, changed };
+      return { most, changed };
     }, frames);
     for (let i = 0; i <= frames; i += 1) await page.clock.runFor(FRAME_MS);
     return counted;
   };
-  // While walking, at least one foot is on the ground, so the picture always changes.
-  expect(await drawings(300)).toEqual({ count: 2 * 300, changed: 300 });
+  // While walking, at least one foot is on the ground, so the picture always changes, except perhaps in the first frame, which
+  // can follow the last live frame at once.
+  const live = await drawings(300);
+  expect(live.most).toBe(2);
+  expect(live.changed).toBeGreaterThanOrEqual(299);
   await show(page, "steps");
   // A drawing that was already requested may still follow.
   await drawings(2);
-  expect(await drawings(60)).toMatchObject({ count: 0 });
+  expect((await drawings(60)).most).toBe(0);
   await page.close();
 });
 

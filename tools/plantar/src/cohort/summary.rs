@@ -34,7 +34,9 @@ pub fn print_participants(people: &[Person]) {
     let mut table = summary::table();
     table.set_header(["insole size", "participants", "female/male", "age years", "mass kg", "height m"]);
     for group in SizeGroup::all(people) {
-        let value = |moments: Option<Moments>, digits: usize| moments.map_or("-".into(), |m| plus_minus(&m, digits));
+        let value = |moments: Option<Moments>, digits: usize| {
+            moments.map_or("-".into(), |m| plus_minus(&m, digits) + &count_unless_all(&m, &group))
+        };
         table.add_row([
             group.name(),
             group.people.len().to_string(),
@@ -45,7 +47,10 @@ pub fn print_participants(people: &[Person]) {
         ]);
     }
     summary::align(&mut table);
-    println!("Participants by insole size, mean ± standard deviation, in the form of Table 1 of the paper:\n{table}");
+    println!(
+        "Participants by insole size, mean ± standard deviation (in parentheses: number of participants with a value, if not \
+         all), in the form of Table 1 of the paper:\n{table}"
+    );
 }
 
 /// Height in m, rounded to 1 mm.
@@ -59,6 +64,11 @@ fn plus_minus(moments: &Moments, digits: usize) -> String {
     format!("{:.digits$}{deviation}", moments.mean)
 }
 
+/// The number of people with a value, in parentheses; empty if all people of the group have one.
+fn count_unless_all(moments: &Moments, group: &SizeGroup) -> String {
+    if moments.count == group.people.len() { String::new() } else { format!(" ({})", moments.count) }
+}
+
 /// Prints the NRMSE of each region for each group of two adjacent insole sizes.
 pub fn print(people: &[Person]) {
     let sizes = SizeGroup::all(people);
@@ -68,9 +78,7 @@ pub fn print(people: &[Person]) {
     for (i, region) in Region::ALL.iter().enumerate() {
         let cell = |group: &SizeGroup| {
             let Some(moments) = group.moments(i, Variable::nrmse()) else { return "-".into() };
-            let is_all = moments.count == group.people.len();
-            let count = if is_all { String::new() } else { format!(" ({})", moments.count) };
-            plus_minus(&moments, 1) + &count
+            plus_minus(&moments, 1) + &count_unless_all(&moments, group)
         };
         table.add_row(std::iter::once(region.name().to_string()).chain(sizes.iter().map(cell)));
     }

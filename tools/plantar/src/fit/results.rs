@@ -1,7 +1,7 @@
 //! The results of a fit as printed text.
 
 use crate::setup::rule_in_words;
-use crate::summary;
+use crate::summary::{self, counted};
 use fit::measures::{Quantity, SCALE_CHANGE};
 use fit::results::{deformation_scale, significant, widest};
 use fit::{RegionFit, Study};
@@ -10,18 +10,35 @@ use plantar::Region;
 /// Prints the results.
 pub fn print(study: &Study) {
     println!(
-        "{}: {} steps of {} recordings, {} filter, {}",
+        "{}: {} of {}, {} filter, {}",
         study.participant,
-        study.steps.len(),
-        study.sources.len(),
+        counted(study.steps.len(), "step"),
+        counted(study.sources.len(), "recording"),
         study.options.filter.name(),
         rule_in_words(&study.contact)
     );
     for contact in &study.excluded_contacts {
         println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.reason);
     }
-    print_measures(study);
-    print_sources(study);
+    if study.fits.iter().any(Result::is_ok) {
+        print_measures(study);
+        print_sources(study);
+        print_parameters(study);
+    }
+    for (region, fit) in Region::ALL.iter().zip(&study.fits) {
+        match fit {
+            Ok(fit) => {
+                println!("{}: {}", region.name(), fit.verdict);
+                fit.defects.iter().for_each(|defect| println!("    INCOMPLETE: {defect}"));
+                fit.warnings.iter().for_each(|warning| println!("    {warning}"));
+            }
+            Err(reason) => println!("{}: NOT FITTED, {reason}", region.name()),
+        }
+    }
+}
+
+/// Prints the identified parameters and the errors of the regions, and what they mean.
+fn print_parameters(study: &Study) {
     let mut table = summary::table();
     table.set_header([
         "region",
@@ -66,25 +83,12 @@ pub fn print(study: &Study) {
          with * is not determined by the force: {undetermined}."
     );
     study.prior_note().iter().for_each(|note| println!("Note: {note}."));
-    for (region, fit) in Region::ALL.iter().zip(&study.fits) {
-        match fit {
-            Ok(fit) => {
-                println!("{}: {}", region.name(), fit.verdict);
-                fit.defects.iter().for_each(|defect| println!("    INCOMPLETE: {defect}"));
-                fit.warnings.iter().for_each(|warning| println!("    {warning}"));
-            }
-            Err(reason) => println!("{}: NOT FITTED, {reason}", region.name()),
-        }
-    }
 }
 
 /// Prints the mechanical quantities: a row for each quantity, and a column for each fitted region.
 fn print_measures(study: &Study) {
     let fitted: Vec<_> =
         Region::ALL.iter().zip(&study.fits).filter_map(|(region, fit)| Some((region, fit.as_ref().ok()?))).collect();
-    if fitted.is_empty() {
-        return;
-    }
     let mut table = summary::table();
     let names = fitted.iter().map(|(region, _)| region.name().to_string());
     table.set_header(std::iter::once(String::new()).chain(names));

@@ -47,7 +47,7 @@ pub struct SettingsArgs {
     /// Frames per second, 50 to 400.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=400))]
     rate: Option<u32>,
-    /// European shoe size, 35 to 46. The positions and areas of the cells are those of the layout of size 42, scaled to this
+    /// Whole European shoe size, 35 to 46. The positions and areas of the cells are those of the layout of size 42, scaled to this
     /// size.
     #[arg(long, value_name = "SIZE")]
     size: Option<InsoleSize>,

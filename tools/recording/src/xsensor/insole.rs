@@ -1,5 +1,6 @@
 //! One insole of an export: its description, its frames, and its recording.
 
+use crate::footprint::capitalised;
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes};
 use crate::table::file_name;
 use crate::text::shortened;
@@ -43,10 +44,10 @@ impl Insole {
         self.frames.t_s = self.indices.iter().map(|&i| t_s[i]).collect();
         export.remarks.extend(self.totals.remark(side));
         if self.without_pressure > 0 {
-            let name = side.name();
             export.remarks.push(format!(
-                "{} fields of the {name} foot, in all frames together, are empty, negative or a placeholder, as those outside of \
-                 the insole are: read as 0.",
+                "{} foot: {} fields, in all frames together, are empty, negative or a placeholder, as those outside of the insole \
+                 are: read as 0.",
+                capitalised(side),
                 self.without_pressure
             ));
         }

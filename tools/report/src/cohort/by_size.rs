@@ -23,12 +23,12 @@ const BOTTOM: f64 = 22.0;
 const GAP: f64 = 8.0;
 /// Height of the mark of a size group in the [`charts`].
 const CHARTS_MARK_HEIGHT: f64 = 5.0;
-/// The axis of a variable is logarithmic if all means are positive and the largest one is more than this factor times the
+/// The axis of a chart of points is logarithmic if all means are positive and the largest one is more than this factor times the
 /// smallest.
 const LOGARITHMIC_FROM: f64 = 30.0;
 
-/// The CSS class that sets the colour of a size group. There are six colours, for the groups from 35-36 to 45-46; smaller and
-/// larger sizes have the first and the last colour.
+/// The CSS class that sets the colour of a size group. There are six colours, for the groups from 35-36 to 45-46; smaller
+/// sizes have the first colour, larger ones the last.
 fn colour(group: &SizeGroup) -> String {
     format!("s{}", usize::from(group.smaller_eur.saturating_sub(35) / 2).min(5))
 }
@@ -47,14 +47,14 @@ pub fn errors(groups: &[SizeGroup]) -> Drawing {
     chart(groups, Variable::nrmse(), &Form { width: ERRORS_WIDTH, mark_height: 9.0, has_bars: true })
 }
 
-/// The charts of variables of which at least one region has values.
+/// The charts of those variables that have a value in at least one region.
 pub fn charts(groups: &[SizeGroup], variables: impl Iterator<Item = Variable>) -> Vec<Drawing> {
     let has_values = |variable: &Variable| moments(groups, *variable).next().is_some();
     let form = Form { width: WIDTH, mark_height: CHARTS_MARK_HEIGHT, has_bars: false };
     variables.filter(has_values).map(|variable| chart(groups, variable, &form)).collect()
 }
 
-/// The height of each of the [`charts`].
+/// The height of one of the [`charts`].
 #[cfg(feature = "png")]
 pub fn height(groups: &[SizeGroup]) -> f64 {
     chart_height(groups, CHARTS_MARK_HEIGHT)
@@ -69,14 +69,14 @@ fn row_height(groups: &[SizeGroup], mark_height: f64) -> f64 {
     (groups.len() as f64 * mark_height).max(9.0) + GAP
 }
 
-/// The moments of all regions and groups.
+/// The moments of a variable, for all regions and groups that have values.
 fn moments<'g>(groups: &'g [SizeGroup], variable: Variable) -> impl Iterator<Item = Moments> + 'g {
     (0..8).flat_map(move |region| groups.iter().filter_map(move |group| group.moments(region, variable)))
 }
 
 fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
     let title = title(variable);
-    let scale = scale(groups, variable, form.width);
+    let scale = scale(groups, variable, form);
     let row_height = row_height(groups, form.mark_height);
     let height = chart_height(groups, form.mark_height);
     let bottom = height - BOTTOM;
@@ -108,9 +108,9 @@ fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
 
 /// The scale of a chart. It ends above the ranges of the standard deviations. A linear scale contains 0: it begins there or, if a
 /// mean is negative, below these ranges. A logarithmic scale begins below these ranges, but not far below a third of the smallest
-/// mean.
-fn scale(groups: &[SizeGroup], variable: Variable, width: f64) -> Scale {
-    let positions = [LEFT, width - RIGHT];
+/// mean. It has no 0, where bars begin, so it is used for points only.
+fn scale(groups: &[SizeGroup], variable: Variable, form: &Form) -> Scale {
+    let positions = [LEFT, form.width - RIGHT];
     let (mut means, mut ends) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN]);
     for Moments { mean, deviation, .. } in moments(groups, variable) {
         let deviation = deviation.unwrap_or(0.0);
@@ -120,7 +120,7 @@ fn scale(groups: &[SizeGroup], variable: Variable, width: f64) -> Scale {
     if means[0] > means[1] {
         return Scale::linear([0.0, 1.0], positions);
     }
-    if means[0] > 0.0 && means[1] > LOGARITHMIC_FROM * means[0] {
+    if !form.has_bars && means[0] > 0.0 && means[1] > LOGARITHMIC_FROM * means[0] {
         return Scale::logarithmic([ends[0].max(means[0] / 3.0) / 1.1, ends[1] * 1.1], positions, false);
     }
     let [low, high] = [if means[0] >= 0.0 { 0.0 } else { ends[0] }, ends[1].max(0.0)];

@@ -10,9 +10,17 @@ use parameters::Participant;
 pub const TITLES: [&str; 6] =
     ["Insole size (EU)", "Participants", "Female/male", "Age, years", "Mass, kg", "Height, m"];
 
-/// The rows of the table by insole size, with mean ± standard deviation.
+/// The rows of the table by insole size, with mean ± standard deviation and, unless all people of the row have a value, the
+/// number of those who have one.
 pub fn rows(people: &[Person]) -> Vec<[String; 6]> {
     let row = |group: SizeGroup| {
+        let text = |moments: Option<Moments>, decimals: usize| {
+            moments.map_or(NONE.into(), |moments| {
+                let count =
+                    if moments.count < group.people.len() { format!(" ({})", moments.count) } else { String::new() };
+                plus_minus(&moments, |value| format!("{value:.decimals$}")) + &count
+            })
+        };
         [
             group.name().replace('-', "–"),
             group.people.len().to_string(),
@@ -23,11 +31,6 @@ pub fn rows(people: &[Person]) -> Vec<[String; 6]> {
         ]
     };
     SizeGroup::all(people).into_iter().map(row).collect()
-}
-
-/// Mean ± standard deviation with this number of decimals.
-fn text(moments: Option<Moments>, decimals: usize) -> String {
-    moments.map_or(NONE.into(), |moments| plus_minus(&moments, |value| format!("{value:.decimals$}")))
 }
 
 /// Mean ± standard deviation; only the mean if there is a single value.
@@ -44,7 +47,10 @@ fn height_m(settings: &Participant) -> Option<f64> {
 pub fn by_size(people: &[Person]) -> Markup {
     html! {
         table #sizes {
-            caption { "Participants by insole size, mean ± standard deviation, in the form of Table 1 of the paper" }
+            caption {
+                "Participants by insole size, mean ± standard deviation, in the form of Table 1 of the paper. If not all \
+                 participants of a row have a value, the number of those who have one follows in brackets"
+            }
             thead { tr { @for title in TITLES { th scope="col" { (title) } } } }
             tbody {
                 @for [size, rest @ ..] in rows(people) {

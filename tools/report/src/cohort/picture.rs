@@ -62,7 +62,7 @@ fn svg(cohort: &Cohort) -> Markup {
                 (count(steps, "step")) ", each fitted separately, contact from " (cohort.contact.on_kpa) " kPa; Plantar "
                 (env!("PLANTAR_VERSION"))
             }
-            (title("Participants by insole size, mean ± standard deviation", MARGIN, HEADER))
+            (title("Participants by insole size, mean ± standard deviation (participants with a value, if not all)", MARGIN, HEADER))
             (table_row(&participants::TITLES, "strong", table_y))
             @for (i, row) in rows.iter().enumerate() { (table_row(row, "", table_y + (i + 1) as f64 * ROW)) }
             (title("Errors by region and insole size (number of participants)", MARGIN, errors_y))

@@ -1,0 +1,106 @@
+//! `plantar import`: the names of its files, and what it states about the exports.
+
+use std::path::Path;
+use std::process::Command;
+use tempfile::TempDir;
+
+/// Runs the program. Returns whether it succeeded, and its texts on stdout and on stderr.
+fn plantar(folder: &TempDir, arguments: &str) -> (bool, String, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_plantar"))
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .expect("the program starts");
+    let text = |bytes| String::from_utf8(bytes).expect("text");
+    (output.status.success(), text(output.stdout), text(output.stderr))
+}
+
+fn folder() -> TempDir {
+    tempfile::tempdir().expect("a folder")
+}
+
+/// Writes the export of a computed step, a seed of the fuzz target `vendor`, to a file. The first byte of the seed selects the
+/// format, and is no part of the export.
+fn write_export(folder: &TempDir, seed: &str, from: &str, to: &str, name: &str) {
+    let seed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus/vendor").join(seed);
+    let text = String::from_utf8(std::fs::read(seed).expect("a seed")[1..].to_vec()).expect("text");
+    assert!(text.contains(from), "{text}");
+    std::fs::write(folder.path().join(name), text.replace(from, to)).expect("written");
+}
+
+#[test]
+fn a_recording_does_not_get_the_ending_of_another_format() {
+    let folder = folder();
+    for name in ["walk.csv", "walk.Parquet", "walk.txt"] {
+        let (is_ok, _, text) = plantar(&folder, &format!("import synthetic --steps 1 --out {name}"));
+        assert!(!is_ok && text.contains(name) && text.contains(".parquet"), "{text}");
+        assert!(text.contains("plantar export csv") && !folder.path().join(name).exists(), "{text}");
+    }
+    // The name is checked before the export is read.
+    let (is_ok, _, text) = plantar(&folder, "import auto absent.asf --out walk.csv");
+    assert!(!is_ok && text.contains("walk.csv") && !text.contains("absent"), "{text}");
+    let (is_ok, _, text) = plantar(&folder, "import synthetic --steps 1 --out trial-1.1");
+    assert!(is_ok && folder.path().join("trial-1.1").exists(), "{text}");
+}
+
+#[test]
+fn feet_of_different_measurements_are_noted() {
+    let folder = folder();
+    write_export(&folder, "tekscan", "walkL", "walkL", "walkL.asf");
+    write_export(&folder, "tekscan", "walkL", "walkR", "walkR.asf");
+    write_export(&folder, "tekscan", "walkL", "jumpR", "jumpR.asf");
+    let (is_ok, _, text) = plantar(&folder, "import auto walkL.asf walkR.asf --out a.parquet");
+    assert!(is_ok && !text.contains("note:"), "{text}");
+    let (is_ok, _, text) = plantar(&folder, "import auto walkL.asf jumpR.asf --out b.parquet");
+    assert!(is_ok && text.contains("note:") && text.contains("walkL.asf") && text.contains("jumpR.asf"), "{text}");
+    assert!(folder.path().join("b.left.parquet").exists() && folder.path().join("b.right.parquet").exists());
+}
+
+#[test]
+fn a_side_with_several_files_is_refused() {
+    let folder = folder();
+    write_export(&folder, "tekscan", "walkL", "walkL", "walkL.asf");
+    write_export(&folder, "tekscan", "walkL", "walkR", "walkR.asf");
+    let (is_ok, out, text) = plantar(&folder, "import auto walkL.asf walkR.asf --side right --out a.parquet");
+    assert!(!is_ok && out.is_empty(), "{out}");
+    assert!(text.contains("--side right with 2 files") && text.contains("each file with its own --side"), "{text}");
+}
+
+/// The seed has fewer than 99 frames.
+#[test]
+fn a_remark_names_its_file_and_remains_in_the_recording() {
+    let folder = folder();
+    write_export(&folder, "tekscan", "UNITS", "END_FRAME 99\nUNITS", "walkL.asf");
+    write_export(&folder, "tekscan", "walkL", "walkR", "walkR.asf");
+    let (is_ok, out, text) = plantar(&folder, "import auto walkL.asf walkR.asf --out a.parquet");
+    assert!(is_ok && out.contains("walkL.asf: The header states frames up to 99"), "{out}{text}");
+    for (foot, is_cut_off) in [("left", true), ("right", false)] {
+        let (_, out, _) = plantar(&folder, &format!("info a.{foot}.parquet"));
+        assert_eq!(out.contains("The header states frames up to 99"), is_cut_off, "{out}");
+    }
+}
+
+/// 20 kPa on 2000 mm2 are 40 N, as 200 kPa, 400 N, are if they are read in N/cm2.
+#[test]
+fn a_warning_about_the_unit_of_the_pressures_remains_in_the_recording() {
+    let folder = folder();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    write("layout.csv", "cell,x_mm,y_mm,area_mm2,region\n0,40,30,1000,heel\n1,40,200,1000,hallux\n");
+    for (kpa, is_warned) in [(20, true), (200, false)] {
+        let frames: String = (0..50).map(|i| format!("0.{i:02},{kpa},{kpa}\n")).collect();
+        write("frames.csv", &format!("t_s,c0,c1\n{frames}"));
+        let import = "import csv --layout layout.csv --frames frames.csv --side left --out walk.parquet";
+        let (is_ok, _, text) = plantar(&folder, import);
+        assert!(is_ok && text.contains("warning: The largest force on the left foot is 40.0 N") == is_warned, "{text}");
+        let (_, out, _) = plantar(&folder, "info walk.parquet");
+        assert_eq!(out.contains("check the unit of the pressures"), is_warned, "{out}");
+    }
+}
+
+#[test]
+fn the_number_of_merged_cells_is_stated_once() {
+    let folder = folder();
+    let (is_ok, out, text) = plantar(&folder, "import synthetic --steps 1 --cells 96 --out walk.parquet");
+    let layout = out.lines().find(|line| line.starts_with("layout")).unwrap_or_default();
+    assert!(is_ok && layout.matches(" 96 cells").count() <= 1 && layout.ends_with(" cells"), "{out}{text}");
+}
