@@ -154,7 +154,7 @@ def test_each_incomplete_result_of_a_trial_and_of_a_step_is_a_warning(
     trials = recordings_of(study_folder)["ann"]
     with pytest.warns(UserWarning, match="incomplete: the person, 1, heel: measurements contradict each other"):
         package.repeat(trials, options=options)
-    with pytest.warns(UserWarning, match="incomplete: .*ann/0.parquet: 0.parquet, heel: measurements contradict"):
+    with pytest.warns(UserWarning, match="incomplete: .*ann/0.parquet, heel: measurements contradict"):
         rows = package.fit_steps(trials[0], options=options).to_pandas()
     heel = rows[rows["region"] == "heel"]
     assert heel["c_by"].eq("assumed_compression").all() and heel["defects"].notna().all()

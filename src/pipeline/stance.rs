@@ -64,7 +64,8 @@ pub struct Stance<R> {
     loaded: u32,
     /// Number of bridged frames since heel strike.
     bridged_so_far: u32,
-    /// Number of bridged frames among the frames of `loaded`.
+    /// Number of bridged frames up to the last frame in which the force reached the threshold of toe off; [`Stance::lift`] does
+    /// not change it.
     bridged: u32,
     curves: Curves<R>,
     bouts: Bouts<R>,

@@ -74,7 +74,7 @@ fn identity(value: u16) -> IdentityRecord {
     IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("the serial number is valid") }
 }
 
-/// Bonds with a length of 40 bytes to [`MAX_BONDS_BYTES`], which they have for 0.
+/// Bonds of 40 to [`MAX_BONDS_BYTES`] bytes; the longest for `value` 0.
 fn bonds(value: u16) -> Bonds {
     let len = MAX_BONDS_BYTES - usize::from(value) % (MAX_BONDS_BYTES - 40 + 1);
     Bonds((0..len).map(|i| (usize::from(value) + i) as u8).collect())

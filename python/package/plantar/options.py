@@ -11,7 +11,7 @@ class Options:
     ``--contact-off`` and ``--contact-full`` are named ``contact_on_kpa``, ``contact_off_kpa`` and ``contact_full_kpa``."""
 
     size: int = 42
-    """Whole European shoe size, 35 to 46, to which the typical tissue thickness is scaled."""
+    """European shoe size, a whole number from 35 to 46, to which the typical tissue thickness is scaled."""
     filter: Literal["direct", "live", "smoothed"] | None = None
     """The filter of the contact area: that of the step records of an insole (``direct``), that of its live stream (``live``) or,
     for comparison, the smoothing of the paper (``smoothed``). Parameters are valid only for the filter of their fit. Default:

@@ -26,8 +26,9 @@ const COMPARABLE_US: u64 = 100_000_000;
 /// Number of steps of a foot that suffices to compare it with the other foot.
 const COMPARED_STEPS: usize = 10;
 
-/// True if the steps of a foot with times that can be compared (see [`ClockMapping::is_start_comparable`]), `comparable` of
-/// `steps`, suffice to compare the feet by them alone: at least 10, or at least half of the steps, and not none.
+/// True if `comparable` of the `steps` steps of a foot have times that can be compared (see
+/// [`ClockMapping::is_start_comparable`]), and these are enough to compare the feet: at least 10, or at least half of the steps,
+/// and not none.
 pub fn are_feet_comparable(comparable: usize, steps: usize) -> bool {
     comparable > 0 && comparable >= COMPARED_STEPS.min(steps.saturating_sub(comparable))
 }

@@ -24,8 +24,8 @@ const ANSWER_BEFORE_RESTART: Duration = Duration::from_millis(250);
 
 /// The errors of each request are [`Error::LostAnswer`], [`Error::Refused`] and those of the carrier.
 impl<C: Carrier> Client<C> {
-    /// The insole's counters. They arrive after all steps, load bouts and alerts that were due before the request. Live frames,
-    /// and frames of cells and ellipses, can still follow.
+    /// The insole's counters. They arrive after the steps, load bouts and alerts that the insole could send before: while six are
+    /// unacknowledged, later ones follow. Live frames, and frames of cells and ellipses, can still follow, too.
     ///
     /// # Errors
     /// See the `impl` block.

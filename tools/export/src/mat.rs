@@ -30,7 +30,8 @@ pub fn write(session: &Session, path: &Path) -> Result<()> {
         let bytes = (session.frames() * frame_bytes + foot.steps.len() * step_bytes) as u64;
         // The names, the cells and the headers of the arrays take less than the rest.
         if bytes > MOST_BYTES / 32 * 31 {
-            let problem = format!("{} frames of {} cells exceed 2 GiB", session.frames(), foot.layout.cells.len());
+            let (frames, cells, steps) = (session.frames(), foot.layout.cells.len(), foot.steps.len());
+            let problem = format!("{frames} frames of {cells} cells and {steps} steps exceed the 2 GiB of a variable");
             return Err(content(
                 &session.files(),
                 problem,

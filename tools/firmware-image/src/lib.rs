@@ -151,15 +151,14 @@ pub fn flash_image(firmware: &Path) -> Result<Vec<u8>, Error> {
     let data = read(firmware)?;
     let not_firmware = || Error::NotFirmware(firmware.into());
     let segments = loaded_segments(&data).ok_or_else(not_firmware)?;
-    let len = segments.iter().map(|(start, bytes)| start + bytes.len()).max().unwrap_or(0);
-    if len > MAX_IMAGE as usize {
-        return Err(Error::TooLarge(firmware.into(), len));
-    }
-    let mut image = vec![0xff; len.next_multiple_of(CHUNK)];
+    let len = segments.iter().map(|(start, bytes)| start + bytes.len()).fold(0, usize::max);
+    let mut image = vec![0xff; len.min(MAX_IMAGE as usize).next_multiple_of(CHUNK)];
     for (start, bytes) in segments {
-        image[start..start + bytes.len()].copy_from_slice(bytes);
+        let room = image.get_mut(start..).unwrap_or_default();
+        room.iter_mut().zip(bytes).for_each(|(to, byte)| *to = *byte);
     }
-    if header(&image).is_some() { Ok(image) } else { Err(not_firmware()) }
+    header(&image).ok_or_else(not_firmware)?;
+    if len > MAX_IMAGE as usize { Err(Error::TooLarge(firmware.into(), len)) } else { Ok(image) }
 }
 
 /// The loaded segments of an ELF file, each with its offset in the image; `None` if the file is not valid or has none. The address

@@ -68,6 +68,8 @@ fn firmware_that_is_too_large_is_named_as_such() {
         elf.extend(u32::to_le_bytes(word));
     }
     elf.resize(84 + len as usize, 0);
+    let header = Header::new("emulated", "1.2.3").bytes();
+    elf[84 + HEADER as usize..][..header.len()].copy_from_slice(&header);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("firmware");
     std::fs::write(&path, elf).expect("written");

@@ -82,4 +82,9 @@ impl<'p> SizeGroup<'p> {
         let i = variable.index();
         Moments::of(self.means.iter().filter_map(|person| person[region].as_ref()?[i]))
     }
+
+    /// The number of people with a value as an addition to `moments`, such as ` (3)`; empty if all people of the group have one.
+    pub fn count_unless_all(&self, moments: &Moments) -> String {
+        if moments.count < self.people.len() { format!(" ({})", moments.count) } else { String::new() }
+    }
 }

@@ -6,7 +6,7 @@ use plantar::pipeline::model::Ellipsoid;
 use std::fmt;
 use std::str::FromStr;
 
-/// Whole European shoe size, 35 to 46 as in Table 1 of the paper (DeBerardinis et al. 2019).
+/// European shoe size, a whole number from 35 to 46, as in Table 1 of the paper (DeBerardinis et al. 2019).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InsoleSize(u8);
 
@@ -16,7 +16,7 @@ impl FromStr for InsoleSize {
     fn from_str(text: &str) -> Result<Self, String> {
         match text.parse() {
             Ok(size @ 35..=46) => Ok(Self(size)),
-            _ => Err(format!("{text}: a whole European shoe size from 35 to 46 is required")),
+            _ => Err(format!("{text}: a European shoe size is required, a whole number from 35 to 46")),
         }
     }
 }

@@ -91,7 +91,7 @@ impl Participant {
     }
 }
 
-/// A value as in the file; only the type of a list or a table.
+/// The text of a value in a message; for a list or a table, only its type.
 fn in_words(value: &Value) -> String {
     match value {
         Value::String(text) => format!("{text:?}"),
@@ -192,9 +192,9 @@ mod tests {
             ("mass_kg = nan", ["mass_kg = NaN", "10 to 300"]),
             ("height_cm = 1.66", ["height_cm = 1.66", "cm, 50 to 250"]),
             ("sex = 'F'", ["sex = \"F\"", "\"female\", \"male\" or \"other\""]),
-            ("size = 34", ["size = 34", "whole European shoe size from 35 to 46"]),
-            ("size = 41.5", ["size = 41.5", "whole European shoe size from 35 to 46"]),
-            ("size = 'M'", ["size = \"M\"", "whole European shoe size from 35 to 46"]),
+            ("size = 34", ["size = 34", "a European shoe size is required, a whole number from 35 to 46"]),
+            ("size = 41.5", ["size = 41.5", "a European shoe size is required, a whole number from 35 to 46"]),
+            ("size = 'M'", ["size = \"M\"", "a European shoe size is required, a whole number from 35 to 46"]),
             ("age_years = 'old'", ["age_years = \"old\"", "1 to 120"]),
             ("mass_kg = true", ["mass_kg = true", "10 to 300"]),
             ("sex = 1", ["sex = 1", "\"female\", \"male\" or \"other\""]),

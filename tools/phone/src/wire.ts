@@ -225,7 +225,7 @@ export class Wire {
     return this.json(this.core.gait_measures(has_common_clock, stride_m)) as Gait;
   }
 
-  /** True if steps with comparable times, `comparable` of `steps` of a foot, suffice to compare the feet by them alone. */
+  /** True if a foot with `steps` steps, of which `comparable` have comparable times, can be compared by these with the other foot. */
   areFeetComparable(comparable: number, steps: number): boolean {
     return Boolean(this.core.are_feet_comparable(comparable, steps));
   }

@@ -7,13 +7,15 @@ use plantar::pipeline::stance_rule::Rejected;
 use recording::MAX_CELLS;
 use std::path::Path;
 
-/// Finds the contacts that the beginning or the end of a recording cuts off, by the rules of [`fit::steps::isolate`].
+/// Finds the contacts that the beginning or the end of a recording cuts off, by the rules of [`fit::steps::isolate`] with one
+/// exception: if a recording ends so soon after a step that its toe off is not confirmed yet, `isolate` leaves the step out,
+/// but [`Insole::end_stance`] completes it.
 #[derive(Default)]
 pub struct CutOff {
     /// The time of each contact that was found, s, and the reason why it is no step.
     found: Vec<(f64, ExclusionReason)>,
-    /// Time of the first frame, s; `None` before it.
-    first_s: Option<f64>,
+    /// True after the first frame.
+    has_frames: bool,
     /// Time of the first frame of the present or last contact, s.
     start_s: f64,
     /// True if the foot was on the ground in the last frame.
@@ -31,12 +33,12 @@ impl CutOff {
     pub fn frame<R: Real>(&mut self, t_s: f64, toe_off: bool, insole: &Insole<R, MAX_CELLS>) {
         let is_on_ground = insole.on_ground();
         if is_on_ground && !self.was_on_ground {
-            (self.start_s, self.starts_loaded, self.is_rejected) = (t_s, self.first_s.is_none(), false);
+            (self.start_s, self.starts_loaded, self.is_rejected) = (t_s, !self.has_frames, false);
         }
-        let first_s = *self.first_s.get_or_insert(t_s);
+        self.has_frames = true;
         self.is_rejected |= insole.rejected() != self.rejected;
         if self.was_on_ground && !is_on_ground && !toe_off && self.starts_loaded {
-            self.found.push((first_s, ExclusionReason::NoHeelStrike));
+            self.found.push((self.start_s, ExclusionReason::NoHeelStrike));
             self.starts_loaded = false;
         }
         (self.was_on_ground, self.rejected) = (is_on_ground, insole.rejected());

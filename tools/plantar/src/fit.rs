@@ -4,7 +4,7 @@ pub mod live;
 mod results;
 mod sensitivity;
 
-use crate::gait::is_of_same_measurement;
+use crate::gait::is_same_but_for_the_foot;
 use crate::paths::{check_folders, check_written};
 use crate::replay::{progress, write_text};
 use crate::setup::{self, ContactArgs, ZeroArgs};
@@ -95,7 +95,7 @@ pub struct Search {
     /// determines the thickness, and --compression C.
     #[arg(long, visible_alias = "thickness", value_name = "FILE")]
     pub(crate) tissue: Option<PathBuf>,
-    /// Whole European shoe size, 35 to 46, to which the typical tissue thickness is scaled.
+    /// European shoe size, a whole number from 35 to 46, to which the typical tissue thickness is scaled.
     #[arg(long, default_value_t)]
     pub(crate) size: InsoleSize,
     /// Assumed largest compression of the tissue, as a fraction of its thickness. It determines the vertical radius C of regions
@@ -231,7 +231,7 @@ impl Fit {
         ];
         check_written(&read.cloned().collect::<Vec<_>>(), &written)?;
         check_folders(&written)?;
-        check_json(&[self.json.as_deref()])?;
+        check_json(&[self.json.as_deref()], None)?;
         let (mut study, recordings) = self.fitted()?;
         if self.report.is_some() {
             study.sensitivity = Some(self.sensitivity(&study, &recordings));
@@ -396,16 +396,19 @@ impl Fit {
     }
 }
 
-/// Prints a note on stderr if recordings are of different sensors. A live stream does not contain its layout.
+/// Prints a note on stderr if recordings are of different sensors, or have cells of different sizes. A live stream does not
+/// contain its layout.
 fn note_unless_same_sensor(study: &Study) {
     let mut recordings = study.sources.iter().filter(|source| !source.layout.cells.is_empty());
     let Some(first) = recordings.next() else { return };
     if let Some(other) = recordings.find(|source| !is_same_sensor(&first.layout, &source.layout)) {
-        let sensor = |source: &Source| format!("{}, {:.2} Hz, in {}", source.layout.name, source.rate_hz, source.name);
+        let sensor = |Source { layout, name, .. }: &Source| {
+            format!("{}, {:.0} mm2 per cell, in {name}", layout.name, mean_mm2(layout))
+        };
         eprintln!(
-            "note: the recordings are of different sensors ({}; {}): areas and forces depend on the sensor and the size of its \
-             cells, so that differences between the sensors count as differences between the steps: fit the recordings of \
-             each sensor separately",
+            "note: the recordings are of different sensors, or have cells of different sizes ({}; {}): areas and forces depend \
+             on the sensor and the size of its cells, so that these differences count as differences between the steps: import \
+             the recordings with the same --cells, or fit those of each sensor separately",
             sensor(first),
             sensor(other)
         );
@@ -416,12 +419,15 @@ fn note_unless_same_sensor(study: &Study) {
 /// merged differ somewhat from footprint to footprint.
 const SAME_SIZE: f64 = 1.25;
 
+/// Mean area of the cells of a layout, mm2.
+fn mean_mm2(layout: &Layout) -> f64 {
+    layout.cells.iter().map(|cell| cell.area_mm2).sum::<f64>() / layout.cells.len() as f64
+}
+
 /// True if two layouts have the same name up to a comma, but for the foot, and cells of about the same size.
 fn is_same_sensor(first: &Layout, second: &Layout) -> bool {
-    let mean_mm2 =
-        |layout: &Layout| layout.cells.iter().map(|cell| cell.area_mm2).sum::<f64>() / layout.cells.len() as f64;
     let ratio = mean_mm2(first) / mean_mm2(second);
-    is_of_same_measurement(&first.name, &second.name) && (1.0 / SAME_SIZE..=SAME_SIZE).contains(&ratio)
+    is_same_but_for_the_foot(&first.name, &second.name) && (1.0 / SAME_SIZE..=SAME_SIZE).contains(&ratio)
 }
 
 /// Refuses a live stream and a recording of the cells of the same walk, as in the folder of `plantar identify`: each step would

@@ -106,7 +106,7 @@ impl Origin {
 
 /// Prints a note on stderr if the texts on the origins of the recordings of two feet name different measurements.
 pub fn note_different_origins(first: &str, second: &str) {
-    if !is_of_same_measurement(first, second) {
+    if !is_same_but_for_the_foot(first, second) {
         eprintln!(
             "note: the recordings have different origins ({:?} and {:?}): measures of both feet, such as double support and \
              symmetry, are valid only if both feet were recorded in the same walk, on one clock",
@@ -123,12 +123,12 @@ fn measurement(source: &str) -> &str {
     named.split(". ").next().unwrap_or_default().trim_end_matches('.')
 }
 
-/// True if the texts on the origins of two recordings name the same system and the same file. The files of the two feet may
-/// differ in the words left and right, and in the letters L and R: `FrasP01L_m.asf` and `FrasP01R_m.asf` are of the same
-/// measurement.
-pub fn is_of_same_measurement(first: &str, second: &str) -> bool {
-    let [first, second] = [first, second].map(|source| {
-        let named = measurement(source).to_lowercase();
+/// True if two texts, up to a comma or the end of a sentence, differ at most in the words left and right, and in the letters L
+/// and R. Two recordings with such texts on their origins are of the same measurement, for example those of the files
+/// `FrasP01L_m.asf` and `FrasP01R_m.asf`.
+pub fn is_same_but_for_the_foot(first: &str, second: &str) -> bool {
+    let [first, second] = [first, second].map(|text| {
+        let named = measurement(text).to_lowercase();
         named.replace("left", "l").replace("right", "r")
     });
     let is_foot = |letter| letter == 'l' || letter == 'r';
@@ -140,7 +140,7 @@ impl GaitCommand {
     pub fn run(&self) -> Result<()> {
         check_written(&self.walk, &[self.json.as_deref()])?;
         check_folders(&[self.json.as_deref()])?;
-        check_json(&[self.json.as_deref()])?;
+        check_json(&[self.json.as_deref()], None)?;
         let Walk { mut steps, mut others, .. } = Walk::default();
         let mut origins = Vec::new();
         for path in &self.walk {
@@ -182,7 +182,7 @@ impl GaitCommand {
             let of = |side| counted(steps.iter().filter(|(step, _)| step.side == side).count(), "step");
             println!(
                 "No stride: a stride lasts from a heel strike of a foot to its next heel strike, so it needs two successive \
-                 steps of a foot, and the walk has {} of the left and {} of the right foot: record a longer walk",
+                 steps of a foot, and the walk has {} of the left and {} of the right foot. Record a longer walk.",
                 of(Side::Left),
                 of(Side::Right)
             );
@@ -401,8 +401,14 @@ fn print(gait: &Gait, length: Option<Length>) {
              correlated), or equal ones."
         );
     }
-    if [left, right].iter().any(|foot| foot.measures.iter().any(Option::is_none)) {
-        println!("- No value: there is no stride, or no step of the other foot within it.");
+    let mut symmetry = MEASURES.iter().zip(&gait.symmetry_percent);
+    if [left, right].iter().any(|foot| foot.measures.iter().any(Option::is_none))
+        || symmetry.any(|(measure, index)| measure.has_symmetry && index.is_none())
+    {
+        println!(
+            "- No value: there is no such stride, or the feet are not compared, or the step of the other foot before the stride \
+             is missing."
+        );
     }
     if let Some(cadence) = gait.cadence_per_min {
         println!("Cadence, steps per minute: {}", to_text(&cadence, 1));
@@ -438,7 +444,7 @@ fn to_text(estimate: &Estimate, digits: usize) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::is_of_same_measurement;
+    use super::is_same_but_for_the_foot;
 
     #[test]
     fn files_of_one_measurement_differ_in_the_foot_only() {
@@ -465,7 +471,7 @@ mod tests {
             ),
             ("", "", true),
         ] {
-            assert_eq!(is_of_same_measurement(left, right), is_same, "{left} {right}");
+            assert_eq!(is_same_but_for_the_foot(left, right), is_same, "{left} {right}");
         }
     }
 }

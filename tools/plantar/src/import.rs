@@ -249,8 +249,8 @@ impl Import {
 }
 
 impl Out {
-    /// Checks that the output file has no ending of another format, because a recording is always Parquet. A name such as
-    /// `trial-1.1` has no ending.
+    /// Checks that the output file has no other ending than `.parquet`, because a recording is always Parquet. An ending begins
+    /// with a letter: a name such as `trial-1.1` has none.
     fn check_name(&self) -> Result<()> {
         let ending = self.out.extension().unwrap_or_default();
         if ending != "parquet" && ending.to_string_lossy().starts_with(char::is_alphabetic) {

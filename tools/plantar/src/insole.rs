@@ -133,6 +133,11 @@ impl Insole {
             }
             Self::Set { settings, connection } => {
                 let mut insole = connection.open(ReconnectPolicy::RESTART)?;
+                let client = insole.client();
+                if client.settings()?.is_none() && !settings::are_used(client)? {
+                    // The restart after the settings of a host were removed has failed: those in use would be stored again.
+                    restart(&mut insole)?;
+                }
                 settings.set(insole.client())?;
                 restart(&mut insole)?;
                 print_settings(insole.client())

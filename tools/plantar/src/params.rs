@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 pub enum Params {
     /// Write typical parameters for a shoe size to a commented file. They are not personal.
     Typical {
-        /// Whole European shoe size, 35 to 46.
+        /// European shoe size, a whole number from 35 to 46.
         #[arg(long, default_value_t)]
         size: InsoleSize,
         /// The file to write.

@@ -102,7 +102,7 @@ impl Repeat {
         }
         check_written(&read, &[self.json.as_deref(), self.csv.as_deref()])?;
         check_folders(&[self.json.as_deref(), self.csv.as_deref()])?;
-        check_json(&[self.json.as_deref()])?;
+        check_json(&[self.json.as_deref()], Some("--csv"))?;
         let mut all = match study {
             Some(folder) => self.participants(folder)?,
             None => vec![self.one_person()?],

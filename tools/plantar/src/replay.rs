@@ -81,7 +81,8 @@ impl Replay {
         let written = [&json[..], &[&self.steps, &self.frames, &self.picture].map(Option::as_deref)].concat();
         check_written(&self.insole.inputs(std::slice::from_ref(&self.recording)), &written)?;
         check_folders(&written)?;
-        tables::check_json(&json)?;
+        tables::check_json(&json[..1], Some("--steps"))?;
+        tables::check_json(&json[1..], None)?;
         self.steps.as_deref().map(Format::of).transpose()?;
         let source = FrameSource::from(RecordingReader::open(&self.recording)?);
         let (frames, cells) = (source.frames(), source.head().cells());

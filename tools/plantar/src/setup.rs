@@ -53,7 +53,8 @@ pub struct WearerArgs {
     /// The wearer's tissue parameters, a TOML file (`plantar fit` identifies personal ones).
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
-    /// Without --params, use typical parameters for this whole European shoe size, 35 to 46. Typical parameters are not personal.
+    /// Without --params, use typical parameters for this European shoe size, a whole number from 35 to 46. Typical parameters are
+    /// not personal.
     #[arg(long, default_value_t, conflicts_with = "params")]
     pub(crate) size: InsoleSize,
 }

@@ -7,6 +7,7 @@ use fit::MIN_FORCE_N;
 use parameters::{AssumedShare, DeformationScale, deformation_title};
 use plantar::Region;
 use plantar::faults::{Fault, Faults};
+use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::Rejected;
 use plantar::protocol::{Step, StepRegion};
 
@@ -114,8 +115,16 @@ pub fn print(steps: &[Step], starts_s: &[f64], scales: &[DeformationScale; 8]) {
             AssumedShare(scales)
         );
     }
-    let rules: Vec<String> = rules.iter().map(rule_in_words).collect();
-    println!("Contact: {}.", rules.join("; for a part of the steps: "));
+    println!("{}", contact_line(&rules));
+}
+
+/// A line with the contact rules of the steps.
+fn contact_line(rules: &[ContactRule]) -> String {
+    let words = rules.iter().map(rule_in_words).collect::<Vec<_>>().join("; ");
+    match rules.len() {
+        1 => format!("Contact: {words}."),
+        _ => format!("The steps have different contact rules, so their areas cannot be compared: {words}."),
+    }
 }
 
 /// Prints the change of the stiffness K of each region since the identification, and a request for another identification, as
@@ -235,7 +244,6 @@ mod tests {
     use super::*;
     use plantar::Side;
     use plantar::faults::{FaultKind, Place};
-    use plantar::pipeline::contact::ContactRule;
     use plantar::protocol::StepFoot;
 
     #[test]
@@ -265,6 +273,16 @@ mod tests {
         let steps = [step(500, 1_000, 0), step(30, 2_000, 0b10), step(29, 9_000, 0), step(500, 9_000, 0b1)];
         assert_eq!(comparable_error_percent(&steps, 0), Some(15.0));
         assert_eq!(comparable_error_percent(&steps[2..], 0), None);
+    }
+
+    #[test]
+    fn areas_of_different_contact_rules_are_stated_not_to_be_comparable() {
+        let one = contact_line(&[ContactRule::COVERED]);
+        assert!(one.starts_with("Contact: ") && !one.contains("cannot be compared"), "{one}");
+        let two = contact_line(&[ContactRule::COVERED, ContactRule::COUNTED]);
+        for words in ["cannot be compared", "sqrt(p / 150 kPa)", "whole cells"] {
+            assert!(two.contains(words), "{two}");
+        }
     }
 
     #[test]

@@ -34,18 +34,16 @@ impl Format {
     }
 }
 
-/// Checks that none of these files, which are written as JSON, has the extension of a table.
+/// Checks that none of these files, which are written as JSON, has the extension of a table. `table` is the option that writes
+/// their content as a table, if there is one.
 ///
 /// # Errors
-/// If a file has the extension .csv or .parquet. The message names the file.
-pub fn check_json(written: &[Option<&Path>]) -> Result<()> {
+/// If a file has the extension .csv or .parquet. The message names the file and `table`.
+pub fn check_json(written: &[Option<&Path>], table: Option<&str>) -> Result<()> {
     for path in written.iter().flatten() {
         if Format::of(path).is_ok() {
-            bail!(
-                "{}: this file would be JSON: use the extension .json; `plantar replay --steps` writes the steps as a table, \
-                 .csv or .parquet",
-                path.display()
-            );
+            let table = table.map_or(String::new(), |option| format!("; {option} writes a table"));
+            bail!("{}: this file would be JSON: use the extension .json{table}", path.display());
         }
     }
     Ok(())

@@ -63,7 +63,7 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
     let folder = walk();
     let path = folder.path();
     let text = succeed(path, "fit walk.parquet --out p.toml --json p.json --participant someone");
-    assert!(text.contains("someone: 6 steps of 1 recording") && text.contains("8 of 8 regions"), "{text}");
+    assert!(text.contains("someone: 6 steps of 1 recording,") && text.contains("8 of 8 regions"), "{text}");
     let fitted = json(&path.join("p.json"));
     assert_eq!(fitted["contact_rule"]["full_kpa"], 150.0);
     assert_eq!((fitted["filter"].as_str(), fitted["method"].as_str()), (Some("direct"), Some("projection")));
@@ -246,11 +246,11 @@ fn contacts_that_are_not_steps_are_named() {
     ] {
         assert!(out.contains(words), "no \"{words}\" in {out}");
     }
-    assert!(out.contains("2 steps of 1 recording"), "{out}");
+    assert!(out.contains("2 steps of 1 recording,"), "{out}");
 }
 
 #[test]
-fn recordings_of_different_sensors_are_noted() {
+fn recordings_of_different_sensors_and_with_cells_of_different_sizes_are_noted() {
     let folder = walk();
     let path = folder.path();
     let mut recording = Recording::read(path.join("walk.parquet")).expect("a recording");
@@ -262,6 +262,12 @@ fn recordings_of_different_sensors_are_noted() {
     assert!(!run(path, "fit walk.parquet again.parquet").2.contains(note));
     let (_, _, err) = run(path, "fit walk.parquet plate.parquet");
     assert!(err.contains(note) && err.contains("emed plate") && err.contains("plate.parquet"), "{err}");
+    // The names of the sensors differ in the number of cells only.
+    succeed(path, "import synthetic --steps 6 --cells 96 --out merged.parquet");
+    let (_, _, err) = run(path, "fit walk.parquet merged.parquet");
+    let sizes = err.split(" mm2 per cell, in ").map(|text| text.split(' ').next_back().expect("a number"));
+    let sizes: Vec<f64> = sizes.take(2).map(|size| size.parse().expect("a number")).collect();
+    assert!(err.contains(note) && sizes[1] > 2.0 * sizes[0] && err.contains("the same --cells"), "{err}");
 }
 
 /// The force on the foot is 90 to 270 N.
@@ -394,7 +400,7 @@ fn a_stream_file_results_in_the_same_parameters_as_the_recording_of_all_cells() 
     let right = messages(&recording(path), ContactRule::COVERED);
     std::fs::write(path.join("walk.plantar"), stream(&right, 0)).expect("written");
     let out = succeed(path, "fit walk.plantar --json live.json --out p.toml --report r.html");
-    assert!(out.contains("walk: 6 steps of 1 recording") && out.contains("fraction sqrt(p / 150 kPa)"), "{out}");
+    assert!(out.contains("walk: 6 steps of 1 recording,") && out.contains("fraction sqrt(p / 150 kPa)"), "{out}");
     let live = json(&path.join("live.json"));
     assert_eq!((&live["recordings"][0]["cells"], &live["recordings"][0]["rate_hz"]), (&Value::Null, &100.0.into()));
     assert_eq!(live["recordings"][0]["name"], "walk.plantar, right");
@@ -427,7 +433,7 @@ fn a_stream_file_results_in_the_same_parameters_as_the_recording_of_all_cells() 
     std::fs::write(path.join("one.plantar"), [stream(&left, 1), stream(&right, 0)].concat()).expect("written");
     let (status, out, err) = run(path, "fit one.plantar --json one.json");
     assert_eq!(status, 0, "{out}{err}");
-    assert!(out.contains("6 steps of 1 recording") && err.contains("the foot is not known"), "{out}{err}");
+    assert!(out.contains("6 steps of 1 recording,") && err.contains("the foot is not known"), "{out}{err}");
 }
 
 #[test]
@@ -528,7 +534,7 @@ fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream
     succeed(path, &format!("record --tcp {address} --out session --steps 6"));
     succeed(path, "fit walk.plantar --json stream.json");
     let out = succeed(path, "fit session --json session.json");
-    assert!(out.contains("session: 6 steps of 1 recording"), "{out}");
+    assert!(out.contains("session: 6 steps of 1 recording,"), "{out}");
     let (session, stream) = (json(&path.join("session.json")), json(&path.join("stream.json")));
     assert_eq!(session["steps"], stream["steps"]);
     assert_eq!(session["regions"], stream["regions"]);

@@ -203,8 +203,9 @@ fn recordings_of_two_insoles_are_not_compared_in_time() {
 fn a_stream_without_a_common_clock_has_the_measures_of_each_foot() {
     let folder = tempfile::tempdir().expect("a folder");
     write_stream(&folder.path().join("walk.plantar"), false);
-    let (gait, _) = measures(folder.path(), "walk.plantar --distance 10");
+    let (gait, text) = measures(folder.path(), "walk.plantar --distance 10");
     assert_eq!(gait["has_both_feet"], false);
+    assert!(text.contains("- No value") && text.contains("the feet are not compared"), "{text}");
     assert!((mean(&gait, "stance_time_s", "right") - 0.65).abs() < 1e-9);
     assert!(mean(&gait, "step_time_s", "left").is_nan() && gait["speed_m_s"].is_null());
 }

@@ -281,9 +281,9 @@ fn a_size_that_is_not_in_force_yet_is_shown_as_such_and_can_be_set_again() {
 
 /// The restart after the settings of a host were removed has failed: the insole uses them until its next start.
 #[test]
-fn removed_settings_that_are_still_in_use_are_not_shown_as_those_of_the_firmware() {
+fn removed_settings_that_are_still_in_use_are_neither_shown_as_those_of_the_firmware_nor_stored_again() {
     let folder = tempfile::tempdir().expect("a folder");
-    let (address, _session) = insole();
+    let (address, session) = insole();
     let run = |arguments: &str| run_insole(folder.path(), address, arguments);
     let (done, text, error) = run("set --rate 200");
     assert!(done && text.contains("200 frames/s"), "{text}{error}");
@@ -295,6 +295,10 @@ fn removed_settings_that_are_still_in_use_are_not_shown_as_those_of_the_firmware
     let (done, text, _) = run("show");
     assert!(done && text.contains("those of the firmware, in force once the insole restarts"), "{text}");
     assert!(!text.contains("200 frames/s"), "{text}");
+    let (done, text, error) = run("set --size 40");
+    assert!(done && text.contains("95.2 %"), "{text}{error}");
+    let setup = *session.lock().expect("no panic").setup().expect("it has a layout");
+    assert_eq!(setup.period_us, testkit::SETUP.period_us);
 }
 
 /// The restart after another rule was set has failed. The insole would adopt this rule at its next start, and then could not

@@ -56,6 +56,8 @@ fn json(path: &Path) -> serde_json::Value {
 #[test]
 fn a_quantity_that_differs_more_between_people_than_between_trials_has_a_high_icc() {
     let (_folder, path) = study();
+    let (status, text) = plantar(&path, "repeat people --json r.csv");
+    assert!(status == Some(1) && text.contains("extension .json; --csv writes a table"), "{text}");
     let (status, text) = plantar(&path, "repeat people --csv r.csv --json r.json");
     assert_eq!(status, Some(0), "{text}");
     assert!(text.contains("left foot: 2 trials of 3 people"), "{text}");

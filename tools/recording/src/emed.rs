@@ -33,7 +33,7 @@ pub fn recognise(text: &str) -> bool {
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
-pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut pages = Pages {
         path,

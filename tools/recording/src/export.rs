@@ -1,7 +1,7 @@
 //! The exports of vendors' programs: their formats, and how a file's format is recognised from its content.
 
 use crate::footprint::capitalised;
-use crate::table::{not_commas, other_separator};
+use crate::table::not_commas;
 use crate::text::{decode, strip_name};
 use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, pliance, tekscan, xsensor};
 use plantar::Side;
@@ -13,8 +13,9 @@ use std::path::Path;
 pub struct Export {
     /// One recording for each foot. Their times are on a common clock, unless one of the `remarks` states otherwise.
     pub feet: Vec<Recording>,
-    /// Sentences for the user: decisions of the import, and the comparison of its result with totals in the export. One that
-    /// concerns one of two feet begins with its name, such as `Left foot`.
+    /// Sentences for the user: decisions of the import, and the comparison of its result with totals in the export. A remark
+    /// about one of two feet must begin with the name of this foot, such as `Left foot`: it is then stored in the recording of
+    /// this foot only.
     pub remarks: Vec<String>,
 }
 
@@ -87,7 +88,8 @@ impl Format {
     ///
     /// # Errors
     /// Fails if the file has none of these formats. For a recording, and for the formats of pedar, CSV and jiku-data, which need
-    /// further arguments, the message names the command that reads the file.
+    /// further arguments, the message names the command that reads the file. For CSV with another separator than a comma, it
+    /// names the separator.
     pub fn recognise(bytes: &[u8], path: &Path) -> Result<Self> {
         let file = || path.display().to_string();
         let refuse = |problem: &str, remedy: &str| Err(Error::content(file(), problem, remedy));
@@ -118,12 +120,9 @@ impl Format {
         if text.lines().take(40).any(|line| strip_name(line, "time[secs]").is_some()) {
             return refuse("a pedar export", "use plantar import pedar with --geometry, the geometry of its insole");
         }
-        let (first_field, separator) = match first_line.find([',', ';', '\t']) {
-            Some(end) => (&first_line[..end], other_separator(&first_line[end..][..1])),
-            None => (first_line, None),
-        };
+        let first_field = first_line.split([',', ';', '\t']).next().unwrap_or_default();
         if ["t_s", "cell", "side"].contains(&first_field)
-            && let Some(separator) = separator
+            && let Some(separator @ (';' | '\t')) = first_line[first_field.len()..].chars().next()
         {
             return Err(not_commas(path, separator));
         }

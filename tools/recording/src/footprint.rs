@@ -24,10 +24,10 @@ const LEAST_ASYMMETRY: f64 = 0.05;
 const LEAST_EXTENT_MM: f64 = 80.0;
 /// Least total area of the cells under a whole foot, mm2. The number for an insole in cm2 is smaller.
 const LEAST_AREA_MM2: f64 = 250.0;
-/// Least plausible value of the largest force in a recording with a step, N. A child of 20 kg weighs 196 N; the number for an
-/// adult in N/cm2 or PSI is smaller.
+/// Least plausible value of the largest force in a recording with a step, N. A child of 20 kg weighs 196 N. For an adult who
+/// walks, the number is smaller in N/cm2, and in PSI if the force is below about 1030 N.
 const LEAST_FORCE_N: f64 = 150.0;
-/// Largest plausible force on a foot, N: three times the weight of a runner of 135 kg.
+/// Largest force on a foot that walking and running lead to, N: three times the weight of a runner of 135 kg.
 const MOST_FORCE_N: f64 = 4000.0;
 /// Largest asymmetry that rounding may cause, as a fraction of the width of the forefoot.
 const NO_ASYMMETRY: f64 = 1e-3;
@@ -196,15 +196,15 @@ pub fn warnings(recording: &Recording) -> Vec<String> {
 fn force_warning(recording: &Recording) -> Option<String> {
     let largest_n = (0..recording.frames()).map(|i| recording.force_n(i)).fold(0.0, f64::max);
     let reason = if largest_n > MOST_FORCE_N {
-        "more than a foot carries in running: check"
+        "more than a foot carries in running: unless the recording contains jumps, check"
     } else if 0.0 < largest_n && largest_n < LEAST_FORCE_N {
-        "less than a foot carries in walking: if the recording contains a step on the whole foot, check"
+        "less than that of a person of 20 kg in walking: if the recording contains a step on the whole foot, check"
     } else {
         return None;
     };
     Some(format!(
-        "The largest force on the {} foot is {} N, {reason} the unit of the pressures. A file for `plantar import csv` states \
-         them in kPa.",
+        "The largest force on the {} foot is {} N, {reason} the unit of the pressures or forces in the export. A file for \
+         `plantar import csv` states pressures in kPa.",
         recording.side.name(),
         significant(largest_n)
     ))

@@ -80,7 +80,7 @@ fn check_no_pressure_unit(fields: &[Rc<str>], place: &dyn Fn() -> String) -> Res
 ///
 /// # Errors
 /// Fails if the file is damaged or a line violates the format. The message names file, line and remedy.
-pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text;
     let rows: Vec<Vec<Rc<str>>> = if is_xls(bytes) {
         xls::rows(bytes).map_err(|reason| {

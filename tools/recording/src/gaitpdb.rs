@@ -61,7 +61,7 @@ pub fn recognise(text: &str) -> bool {
 /// # Errors
 /// Fails if a line violates the format, or if the frames violate a rule of recordings. The message names the file, the line or
 /// the time, and a remedy.
-pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let (mut t_s, mut forces_n, mut totals): (Vec<f64>, [Vec<f64>; 2], [Totals; 2]) = Default::default();
     for (line, row) in (1..).zip(text.lines()) {
@@ -103,7 +103,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             pressure_kpa: forces_n.iter().map(|force_n| (force_n / AREA_MM2 * 1e3) as f32).collect(),
             name: "insole of gaitpdb".to_owned(),
             source: format!(
-                "Walk {} of PhysioNet's database gaitpdb, {} foot, nominal positions and areas, regions by template.",
+                "Walk {} of PhysioNet's database gaitpdb, {} foot, regions by template.",
                 file_name(path),
                 foot.name()
             ),

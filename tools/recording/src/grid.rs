@@ -272,13 +272,10 @@ impl Foot {
         if recording.cells() <= MAX_CELLS {
             return Ok(recording);
         }
-        let merged = recording.binned(MAX_CELLS)?;
-        remarks.push(format!(
-            "{} foot: {} cells carry load: they were merged into {}.",
-            capitalised(side),
-            recording.cells(),
-            merged.cells()
-        ));
+        let mut merged = recording.binned(MAX_CELLS)?;
+        // The sentence about the merge becomes a remark, which the import adds to the provenance.
+        let sentence = merged.source.split_off(recording.source.len());
+        remarks.push(format!("{} foot:{sentence}", capitalised(side)));
         Ok(merged)
     }
 }

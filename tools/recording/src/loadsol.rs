@@ -80,7 +80,7 @@ fn is_time(unit: &str) -> bool {
 const SEPARATORS: [char; 3] = ['\t', ';', ','];
 
 /// True for the text of a loadsol export. If tabs separate its fields, also for the export of insoles without zones, which
-/// [`parse`] refuses with the reason.
+/// the import refuses with the reason.
 pub fn recognise(text: &str) -> bool {
     let found = SEPARATORS.into_iter().find_map(|separator| units_line(text, separator).map(|line| (separator, line)));
     let Some((separator, units)) = found else { return false };
@@ -94,7 +94,7 @@ pub fn recognise(text: &str) -> bool {
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
-pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let file = path.display().to_string();
     let Some(units_index) = units_line(&text, '\t').filter(|line| *line > 0) else {
@@ -165,11 +165,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             t_s,
             pressure_kpa,
             name: "loadsol insole".to_owned(),
-            source: format!(
-                "loadsol measurement {}, {} insole, nominal positions and areas of the zones.",
-                file_name(path),
-                foot.name()
-            ),
+            source: format!("loadsol measurement {}, {} insole.", file_name(path), foot.name()),
         };
         export.feet.push(unchecked.recording(path, &mut export.remarks)?);
     }

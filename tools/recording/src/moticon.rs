@@ -72,7 +72,7 @@ struct Columns {
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
-pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
     let Some((header_line, header)) = lines.by_ref().find(|(_, line)| line.starts_with("# time")) else {
@@ -195,11 +195,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
         t_s,
         pressure_kpa,
         name: "Moticon OpenGo insole".to_owned(),
-        source: format!(
-            "Moticon OpenGo measurement {}, {} insole, areas of the cells by least squares, regions by template.",
-            file_name(path),
-            side.name()
-        ),
+        source: format!("Moticon OpenGo measurement {}, {} insole, regions by template.", file_name(path), side.name()),
     };
     export.feet.push(unchecked.recording(path, &mut export.remarks)?);
     Ok(())

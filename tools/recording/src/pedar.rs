@@ -4,15 +4,14 @@
 //! Each line of the export contains the time in seconds and the pressures of both feet: first the left sensors, then the right
 //! ones. An export may also contain one foot alone, or lack sensors that a mask excluded. If its header states no unit, kPa is
 //! assumed. Lines with the mean or the maximum of all frames at the end are skipped. The geometry is a CSV file with the header
-//! `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`. Each of its lines contains the corners of one sensor. Both insoles lie
-//! side by side and are seen from above, with the heels at small y and the right insole at larger x.
+//! `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`. Each of its lines contains the area and the corners of one sensor. Both
+//! insoles are seen from above, with x to the right and y from heel to toes; their place in this plane is arbitrary.
 
 use crate::check::{self, At};
 use crate::separators::Separators;
-use crate::table::unreadable;
 use crate::table::{
     self, Lines, another_measurement, at_line, check_blanks, check_later, check_width, empty_field, file_name, number,
-    pressure,
+    pressure, unreadable,
 };
 use crate::text::{decode, first_number, parse_number, seconds, shortened, strip_name};
 use crate::units::StatedUnit;
@@ -49,10 +48,7 @@ pub fn import(
     side: Side,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Recording> {
-    let (asc_path, geometry_path) = (asc_path.as_ref(), geometry_path.as_ref());
-    let geometry = fs::read(geometry_path).map_err(Error::io(geometry_path))?;
-    let asc = fs::read(asc_path).map_err(Error::io(asc_path))?;
-    Ok(read(&asc, asc_path, &geometry, geometry_path, side, progress)?.0)
+    Ok(import_feet(asc_path, geometry_path, &[side], progress)?.feet.remove(0))
 }
 
 /// As [`import`], for each of these feet. [`Export::remarks`] states if the export may be cut off.

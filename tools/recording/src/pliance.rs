@@ -37,7 +37,7 @@ fn has_line(text: &str, name: &str) -> bool {
 /// # Errors
 /// Fails if the table or the corners are missing, if the sensors are not equal rectangles, or if a line violates the format. The
 /// message names the file, the line if there is one, and a remedy.
-pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
     let mut stated_unit = None;

@@ -21,16 +21,11 @@ pub fn header<R: Read>(reader: &mut Reader<R>, file: &Path) -> Result<StringReco
     if header.is_empty() {
         return Err(Error::content(at_line(file, 1), "the file is empty", "export or write it again"));
     }
-    match other_separator(header.get(0).unwrap_or_default()) {
+    // No name of a column contains a semicolon or a tab, so the first one separates the fields.
+    match header.get(0).unwrap_or_default().chars().find(|c| [';', '\t'].contains(c)) {
         Some(separator) => Err(not_commas(file, separator)),
         None => Ok(header),
     }
-}
-
-/// The separator in the first line of a file, or in the first field of this line, if it is a semicolon or a tab. No name of a
-/// column contains one.
-pub fn other_separator(line: &str) -> Option<char> {
-    line.chars().find(|c| [';', '\t'].contains(c))
 }
 
 /// The error for a CSV file in which a semicolon or a tab separates the fields.
@@ -38,7 +33,7 @@ pub fn not_commas(file: &Path, separator: char) -> Error {
     let name = if separator == '\t' { "a tab".to_owned() } else { format!("`{separator}`") };
     Error::content(
         at_line(file, 1),
-        format!("{name} separates the fields, expected `,`, and points in decimal numbers"),
+        format!("{name} separates the fields, expected `,` between the fields and `.` in decimal numbers"),
         "save the file with commas between the fields and decimal points; a spreadsheet does so if its region is the United \
          States",
     )
@@ -106,7 +101,7 @@ pub fn empty_field(column: &str, place: &dyn Fn() -> String) -> Error {
     Error::content(
         place(),
         format!("an empty field in column {}", shortened(column)),
-        "write a finite number; if the rows at the end of the file are empty, delete them",
+        "fill the field; if the rows at the end of the file are empty, delete them",
     )
 }
 

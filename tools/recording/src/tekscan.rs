@@ -63,7 +63,7 @@ struct Header<'a> {
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
-pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
     let header = header(&mut lines, path)?;

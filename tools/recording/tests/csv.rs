@@ -143,7 +143,7 @@ fn semicolons_and_tabs_between_the_fields_are_named() {
 
 #[test]
 fn empty_rows_of_a_spreadsheet_are_named() {
-    let remedy = ["an empty field in column", "at the end of the file are empty, delete them"];
+    let remedy = ["an empty field in column", "fill the field", "at the end of the file are empty, delete them"];
     assert_refused(LAYOUT, &format!("{FRAMES},,\n"), &[&["frames.csv:5", "t_s"][..], &remedy].concat());
     assert_refused(&format!("{LAYOUT},,,,\n"), FRAMES, &[&["layout.csv:4", "cell"][..], &remedy].concat());
 }

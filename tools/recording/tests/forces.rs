@@ -95,6 +95,7 @@ fn assert_both_feet(export: &Export, sensors: usize) {
             assert!((recording.force_n(frame) - true_n).abs() < 1e-3 * true_n + 0.01, "foot {foot}, frame {frame}");
         }
         assert!(recording::footprint::warnings(recording).is_empty());
+        assert_eq!(recording.source.matches("nominal").count(), 1, "{}", recording.source);
     }
     assert!(export.remarks.iter().any(|remark| remark.contains("nominal")));
 }

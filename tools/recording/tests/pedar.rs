@@ -135,7 +135,7 @@ fn the_error_for_an_invalid_geometry_names_the_line() {
     };
     refused("area_mm2", "area", &["geometry.csv:1", "the header is side,sensor"]);
     refused(",", ";", &["geometry.csv:1", "`;` separates the fields, expected `,`"]);
-    refused("left,1", ",,,,,,,,,,\nleft,1", &["geometry.csv:4", "an empty field in column side"]);
+    refused("left,1", ",,,,,,,,,,\nleft,1", &["geometry.csv:4", "an empty field in column side", "fill the field"]);
     refused("right,1,100", "right,1,150", &["geometry.csv:2", "enclose 100"]);
     refused("right,1,100", "right,1,0", &["geometry.csv:2", "area 0"]);
     refused("right,2", "right,3", &["geometry.csv:3", "expected 2"]);

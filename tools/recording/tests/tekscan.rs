@@ -4,7 +4,7 @@ mod common;
 
 use common::{COLUMNS, ROWS, STANCE, SWING, assert_message, assert_step, pressure_kpa};
 use plantar::Side;
-use recording::{Export, Format, Result};
+use recording::{Export, Format, MAX_CELLS, Result};
 
 /// Area of a cell, mm2: a square with a side of 0.4 inches, 10.16 mm.
 const CELL_MM2: f64 = 10.16 * 10.16;
@@ -73,6 +73,22 @@ fn load_in_front_of_the_foot_is_named() {
     let remark = remark(&with_ghosts).expect("a remark");
     assert!(remark.starts_with("Right foot: loaded cells") && remark.contains("of the sensor: 4."), "{remark}");
     assert!(remark.contains("mask them"), "{remark}");
+}
+
+/// 70 rows of 70 loaded cells, in ten frames, are more cells than a recording may have.
+#[test]
+fn the_merge_of_many_cells_is_stated_once() {
+    let step = text(Side::Right, "KPa", 1.0, "3 mm");
+    let (header, _) = step.split_once("\r\nFrame 1\r\n").expect("a frame");
+    let header = header.replace(&format!("ROWS {ROWS}"), "ROWS 70").replace(&format!("COLS {COLUMNS}"), "COLS 70");
+    let table = format!("{}\r\n", ["20"; 70].join(",")).repeat(70);
+    let frames: String = (1..=10).map(|frame| format!("\r\nFrame {frame}\r\n{table}")).collect();
+    let export = parse(&format!("{header}{frames}@@\r\n")).unwrap();
+    let foot = &export.feet[0];
+    assert!(foot.cells() <= MAX_CELLS && (foot.force_n(0) - 20.0 * 0.21 * 0.21 * 1e3).abs() < 0.1);
+    assert_eq!(foot.source.matches("4900 cells").count(), 1, "{}", foot.source);
+    let states = |remark: &String| remark.starts_with("Right foot: Merged 4900 cells into ");
+    assert!(export.remarks.iter().any(states), "{:?}", export.remarks);
 }
 
 /// The exports of both feet of a measurement can begin with different frames.

@@ -1,4 +1,4 @@
-//! Warnings about the layout of a recording.
+//! Warnings about the layout and the forces of a recording.
 
 use plantar::{Region, Side};
 use recording::{Cell, Layout, Recording, footprint};
@@ -63,10 +63,10 @@ fn a_force_that_no_step_has_leads_to_a_warning_about_the_unit() {
         assert_eq!(warnings(usual_n), Vec::<String>::new(), "{usual_n} N");
     }
     // Those of an adult with 990 N in N/cm2, PSI and mmHg, read as kPa, and those in kPa, read as N/cm2.
-    for (wrong_n, stated) in [(99.0, "99.0 N"), (143.0, "143 N"), (7430.0, "7430 N"), (8501.0, "8501 N")] {
+    for (wrong_n, stated) in [(99.0, "99.0 N"), (144.0, "144 N"), (7426.0, "7426 N"), (9900.0, "9900 N")] {
         let warnings = warnings(wrong_n);
         assert!(
-            warnings.len() == 1 && warnings[0].contains(stated) && warnings[0].contains("the unit"),
+            warnings.len() == 1 && warnings[0].contains(stated) && warnings[0].contains("pressures or forces"),
             "{warnings:?}"
         );
     }

@@ -1,6 +1,6 @@
 //! The live values of a frame as a row of numbers. An absent value is `None`. `cop` is the centre of pressure, of the foot or
 //! of a region; `total_force_n` is the sum of the measured forces of the regions. `docs/quantities.md` defines the other
-//! quantities, those of the ellipse and the masked cells under a step; here they hold for the frame.
+//! quantities. It lists those of the ellipse and `masked_cells` under a region of a step; here they are those of the frame.
 
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;

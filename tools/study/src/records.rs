@@ -33,7 +33,7 @@ pub fn step_row(step: &Step, i: usize) -> Row {
     row
 }
 
-/// A row without values, for the names and types of the columns of a table of steps that may have no rows.
+/// A row with arbitrary values, for the names and types of the columns of a table of steps that may have no rows.
 pub fn step_columns() -> Row {
     let step = Step::new(&StepRecord::<f32> {
         side: Side::Left,

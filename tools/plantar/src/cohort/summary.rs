@@ -35,7 +35,7 @@ pub fn print_participants(people: &[Person]) {
     table.set_header(["insole size", "participants", "female/male", "age years", "mass kg", "height m"]);
     for group in SizeGroup::all(people) {
         let value = |moments: Option<Moments>, digits: usize| {
-            moments.map_or("-".into(), |m| plus_minus(&m, digits) + &count_unless_all(&m, &group))
+            moments.map_or("-".into(), |m| plus_minus(&m, digits) + &group.count_unless_all(&m))
         };
         table.add_row([
             group.name(),
@@ -64,11 +64,6 @@ fn plus_minus(moments: &Moments, digits: usize) -> String {
     format!("{:.digits$}{deviation}", moments.mean)
 }
 
-/// The number of people with a value, in parentheses; empty if all people of the group have one.
-fn count_unless_all(moments: &Moments, group: &SizeGroup) -> String {
-    if moments.count == group.people.len() { String::new() } else { format!(" ({})", moments.count) }
-}
-
 /// Prints the NRMSE of each region for each group of two adjacent insole sizes.
 pub fn print(people: &[Person]) {
     let sizes = SizeGroup::all(people);
@@ -78,7 +73,7 @@ pub fn print(people: &[Person]) {
     for (i, region) in Region::ALL.iter().enumerate() {
         let cell = |group: &SizeGroup| {
             let Some(moments) = group.moments(i, Variable::nrmse()) else { return "-".into() };
-            plus_minus(&moments, 1) + &count_unless_all(&moments, group)
+            plus_minus(&moments, 1) + &group.count_unless_all(&moments)
         };
         table.add_row(std::iter::once(region.name().to_string()).chain(sizes.iter().map(cell)));
     }

@@ -562,16 +562,16 @@ impl Trial {
         let mut calibrations = Vec::new();
         for (i, cell) in self.started.cells.iter().enumerate() {
             // A standing trial always has frames with a lifted foot, so the offset 0 is never used.
-            let measured = zero_offset(lifted().map(|(_, codes)| codes[i])).unwrap_or(0);
-            let calibrated = self.is_calibrated.then_some(cell.calibration.offset);
-            let calibration = CellCalibration { offset: offset_in_shoe(measured, calibrated), ..cell.calibration };
-            if !calibration.is_valid() {
+            let offset = zero_offset(lifted().map(|(_, codes)| codes[i])).unwrap_or(0);
+            let measured = CellCalibration { offset, ..cell.calibration };
+            if !measured.is_valid() {
                 bail!(
                     "{name}: cell {i} reads a code of at least half of its scale without load: it is shorted, or the foot was \
                      not lifted"
                 );
             }
-            calibrations.push(calibration);
+            let calibrated = self.is_calibrated.then_some(cell.calibration.offset);
+            calibrations.push(CellCalibration { offset: offset_in_shoe(offset, calibrated), ..measured });
         }
         let corrected = self.recording(name, Some(&calibrations))?;
         let mean_n = |frames: &mut dyn Iterator<Item = usize>| {
@@ -595,10 +595,9 @@ mod tests {
     use recording::VirtualInsole;
     use recording::synthetic::{self, SyntheticStanding};
 
-    /// Evaluates a computed standing trial in which the wearer stands with 400 N on the foot. Without load, each cell reads the
-    /// code `unloaded`; in the calibration of the insole, this code is `offset`. The shoe presses on each cell with `shoe_kpa`.
-    /// Returns the new offset of the cells, which is the same for all, and the force while standing, N.
-    fn evaluate(unloaded: u16, offset: u16, shoe_kpa: f32, is_calibrated: bool) -> (u16, f64) {
+    /// A computed standing trial in which the wearer stands with 400 N on the foot. Without load, each cell reads the code
+    /// `unloaded`; in the calibration of the insole, this code is `offset`. The shoe presses on each cell with `shoe_kpa`.
+    fn trial(unloaded: u16, offset: u16, shoe_kpa: f32, is_calibrated: bool) -> Trial {
         let standing = synthetic::standing(&SyntheticStanding { standing_n: 400.0, ..Default::default() });
         let mut insole = VirtualInsole::new(&standing, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let frame = |i: usize| {
@@ -614,7 +613,12 @@ mod tests {
         let stream = CellStream { resolution: Resolution::Oversampled, every: 1 };
         let receiver = CellReceiver::new(&stream, insole.cells.len());
         let started = StartedCells { setup: insole.setup, cells: insole.cells, receiver };
-        let trial = Trial { started, is_calibrated, every: 1, frames };
+        Trial { started, is_calibrated, every: 1, frames }
+    }
+
+    /// Evaluates a [`trial`]. Returns the new offset of the cells, which is the same for all, and the force while standing, N.
+    fn evaluate(unloaded: u16, offset: u16, shoe_kpa: f32, is_calibrated: bool) -> (u16, f64) {
+        let trial = trial(unloaded, offset, shoe_kpa, is_calibrated);
         let recording = trial.recording("trial", None).expect("a recording");
         let result = trial.evaluate("trial", &recording).expect("a standing trial");
         let [first, ..] = result.cells[..] else { panic!("the insole has cells") };
@@ -635,6 +639,17 @@ mod tests {
         // The reading of an unloaded cell has changed since its calibration.
         assert_eq!(evaluate(1200, 1500, 0.0, true).0, 1200);
         assert_eq!(evaluate(1800, 1500, 0.0, true).0, 1800);
+    }
+
+    #[test]
+    fn a_shorted_cell_is_named_also_on_a_calibrated_insole() {
+        for is_calibrated in [false, true] {
+            let mut trial = trial(1500, 1500, 0.0, is_calibrated);
+            trial.frames.iter_mut().for_each(|(_, codes)| codes[7] = u16::MAX);
+            let recording = trial.recording("trial", None).expect("a recording");
+            let error = trial.evaluate("trial", &recording).err().expect("the cell is shorted").to_string();
+            assert!(error.contains("cell 7 reads") && error.contains("shorted"), "{error}");
+        }
     }
 
     #[test]

@@ -47,8 +47,8 @@ pub struct SettingsArgs {
     /// Frames per second, 50 to 400.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=400))]
     rate: Option<u32>,
-    /// Whole European shoe size, 35 to 46. The positions and areas of the cells are those of the layout of size 42, scaled to this
-    /// size.
+    /// European shoe size, a whole number from 35 to 46. The positions and areas of the cells are those of the layout of size 42,
+    /// scaled to this size.
     #[arg(long, value_name = "SIZE")]
     size: Option<InsoleSize>,
     /// Remove all settings: the configuration in the insole's firmware is in force again.
@@ -116,8 +116,8 @@ fn setup_in_use(client: &mut AnyClient) -> Result<Option<Setup>> {
     }
 }
 
-/// True if the stored settings, or those of the firmware if none are stored, are those that the insole adopted at its last start; its hello identifies those in use. Also true
-/// for an insole without a valid layout.
+/// True if the settings for the next start (the stored ones or, without them, those of the firmware) are those in use, which the
+/// hello identifies. Also true for an insole without a valid layout.
 pub fn are_used(client: &mut AnyClient) -> Result<bool> {
     let Some(Setup { layout_id, .. }) = setup_in_use(client)? else { return Ok(true) };
     let stored_id = client.settings()?.map_or(layout_id, |settings| settings.id(layout_id));
@@ -136,7 +136,7 @@ pub fn stored_or_in_use(client: &mut AnyClient) -> Result<Option<Settings>> {
 /// Prints the settings that are stored or, without them, in use, and states if they are in force only after a restart.
 pub fn print_settings(client: &mut AnyClient) -> Result<()> {
     let (stored, are_used) = (client.settings()?, are_used(client)?);
-    let Some(settings) = stored_or_in_use(client)? else {
+    let Some(settings) = stored.or(setup_in_use(client)?.as_ref().map(Settings::of)) else {
         println!("settings: none, because the insole has no valid layout; the note below has the reason");
         return Ok(());
     };

@@ -159,7 +159,7 @@ pub fn table(groups: &[SizeGroup]) -> Markup {
         table #errors-by-size {
             caption {
                 "NRMSE (Eq. 20) in % of the peak force of the region: mean ± standard deviation over participants. If not all \
-                 participants of a column have a value, the number of those who have one follows in brackets"
+                 participants of a column have a value, the number of those who have one follows in parentheses"
             }
             thead {
                 tr {
@@ -176,7 +176,7 @@ pub fn table(groups: &[SizeGroup]) -> Markup {
                                 @match group.moments(region, Variable::nrmse()) {
                                     Some(moments) => {
                                         (plus_minus(&moments, |value| format!("{value:.1}")))
-                                        @if moments.count < group.people.len() { " (" (moments.count) ")" }
+                                        (group.count_unless_all(&moments))
                                     }
                                     None => (NONE),
                                 }

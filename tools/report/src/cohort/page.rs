@@ -42,7 +42,7 @@ fn errors(groups: &[SizeGroup]) -> Markup {
             figcaption {
                 "As Fig. 7 of the paper (see Source): NRMSE of the model force against the measured force, each step with \
                  parameters of its own. Bars: mean over the participants of a pair of insole sizes. Lines: one standard \
-                 deviation to each side. The number of participants is in brackets."
+                 deviation to each side. The number of participants is in parentheses."
             }
         }
         (wide("Errors by region and insole size", by_size::table(groups)))

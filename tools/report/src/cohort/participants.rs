@@ -16,9 +16,7 @@ pub fn rows(people: &[Person]) -> Vec<[String; 6]> {
     let row = |group: SizeGroup| {
         let text = |moments: Option<Moments>, decimals: usize| {
             moments.map_or(NONE.into(), |moments| {
-                let count =
-                    if moments.count < group.people.len() { format!(" ({})", moments.count) } else { String::new() };
-                plus_minus(&moments, |value| format!("{value:.decimals$}")) + &count
+                plus_minus(&moments, |value| format!("{value:.decimals$}")) + &group.count_unless_all(&moments)
             })
         };
         [
@@ -49,7 +47,7 @@ pub fn by_size(people: &[Person]) -> Markup {
         table #sizes {
             caption {
                 "Participants by insole size, mean ± standard deviation, in the form of Table 1 of the paper. If not all \
-                 participants of a row have a value, the number of those who have one follows in brackets"
+                 participants of a row have a value, the number of those who have one follows in parentheses"
             }
             thead { tr { @for title in TITLES { th scope="col" { (title) } } } }
             tbody {

@@ -110,9 +110,9 @@ pub fn by_region(foot: &FootRepeatability) -> Markup {
     html! {
         table.dense.regions {
             caption {
-                "Repeatability by region, " (foot.side.name()) " foot. First line: ICC(2,1), and in brackets the number of participants \
-                 with a value in all compared trials, if it is not " (foot.people.len()) ". Below: SEM and MDC in the unit of the \
-                 variable"
+                "Repeatability by region, " (foot.side.name()) " foot. First line: ICC(2,1), and in parentheses the number of \
+                 participants with a value in all compared trials, if it is not " (foot.people.len()) ". Below: SEM and MDC in \
+                 the unit of the variable"
             }
             thead { tr { th scope="col" { "Variable" } @for title in TITLES { th scope="col" { (title) } } } }
             tbody {
