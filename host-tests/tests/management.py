@@ -7,13 +7,13 @@ argument is a command. For each command, a line of output has the result as JSON
     parameters      Reads the size and the number of the insole's buffers (MCUmgr parameters).
     echo:<text>     Sends a text that the insole returns.
     time            Reads the clock.
-    set-time:<text> Sets the clock.
+    set-time:<time> Sets the clock to a time in ISO 8601.
     state           Lists the images.
     erase           Erases the slot for uploads.
     reset           Restarts the insole.
     name:<file>     Returns the SHA-256 that names the image in the file.
     upload:<file>   Uploads the file.
-    test:<file>     Lets the image run at the next start.
+    test:<file>     Marks the image for a trial at the next start.
     confirm:<file>  Confirms the image.
 
 An image is listed as [slot, version, name, pending, confirmed, active].
@@ -55,7 +55,7 @@ def code(refused):
 
 
 def name(file):
-    """The SHA-256 in the trailer of a file, as an independent reader finds it."""
+    """The SHA-256 in the trailer of an image file, as smpclient reads it."""
     return ImageInfo.load_file(file).get_tlv(IMAGE_TLV.SHA256).value
 
 
@@ -111,7 +111,7 @@ async def execute(client, command, argument):
 
 
 def serial_port(to_insole, from_insole):
-    """Connects a new terminal to two FIFOs. Returns the terminal's name, and its descriptor, which must remain open."""
+    """Connects a new terminal, which remains open, to two FIFOs. Returns the terminal's name."""
     master, slave = pty.openpty()
     tty.setraw(slave)
 
@@ -121,7 +121,7 @@ def serial_port(to_insole, from_insole):
 
     for ends in ((master, os.open(to_insole, os.O_WRONLY)), (os.open(from_insole, os.O_RDONLY), master)):
         threading.Thread(target=copy, args=ends, daemon=True).start()
-    return os.ttyname(slave), slave
+    return os.ttyname(slave)
 
 
 def transport(link):
@@ -136,11 +136,7 @@ def transport(link):
     from smpclient.transport.serial import SMPSerialTransport
 
     _, to_insole, from_insole = link.split(":")
-    port, terminal = serial_port(to_insole, from_insole)
-    serial = SMPSerialTransport()
-    # The descriptor must remain open as long as the transport.
-    serial.terminal = terminal
-    return serial, port
+    return SMPSerialTransport(), serial_port(to_insole, from_insole)
 
 
 async def main():
@@ -153,6 +149,6 @@ async def main():
 
 
 asyncio.run(main())
-# This omits the interpreter's shutdown, during which the threads of the terminal would still read the link.
+# `os._exit` omits the shutdown of the interpreter, during which the threads of the terminal would still read from the link.
 sys.stdout.flush()
 os._exit(0)

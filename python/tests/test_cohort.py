@@ -93,7 +93,7 @@ def test_options_are_those_of_the_command_line(study_folder: pathlib.Path, tmp_p
     pd.testing.assert_frame_equal(table(tmp_path / "dask"), table(tmp_path / "rust"))
 
 
-def test_two_worker_processes_of_a_scheduler_have_equal_rows(
+def test_two_workers_of_a_scheduler_write_the_rows_of_the_command_line(
     study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
 ) -> None:
     with scheduler(2) as (address, _):
@@ -235,7 +235,7 @@ def test_a_folder_that_cannot_be_listed_may_be_that_of_a_participant(
 ) -> None:
     study = tmp_path / "study"
     shutil.copytree(study_folder, study)
-    # Permissions have no effect on the superuser, so the listing itself fails.
+    # Permissions have no effect on the superuser, so the test replaces the listing by one that fails.
     locked = [study / "eve", study / "fay" / "private", study / ".snapshots"]
     list_folder = LocalFileSystem.ls
 
@@ -262,7 +262,7 @@ def test_hidden_files_are_not_recordings(study_folder: pathlib.Path, tmp_path: p
     assert (outcome.steps, outcome.left_out) == (4, ())
 
 
-def test_files_that_are_not_directly_in_a_participants_folder_are_left_out_and_named(
+def test_misplaced_and_misnamed_files_are_left_out_and_named(
     study_folder: pathlib.Path, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     study = tmp_path / "study"
@@ -401,12 +401,13 @@ def test_incomplete_results_are_named_and_a_shared_file_in_object_storage_is_rea
     memory.pipe("/shared/study/ann/participant.toml", b'tissue = "../tissue.toml"')
     contradiction = b"[heel]\nthickness_mm = 17\npeak_strain = 0.4\ncurvature_mm = [400, 400]\n"
     memory.pipe("/shared/study/tissue.toml", contradiction)
-    # The second run reads the defects from the table.
+    # The second run reads from the table why results are incomplete.
     for cached in range(2):
         assert cohort.main(["memory://shared/study", "--out", "memory://shared/table"]) == 3
         out, text = capsys.readouterr()
         assert f"; participants already up to date: {cached}" in out
         assert "incomplete: ann, 0.parquet, heel: measurements contradict each other" in text and "left out" not in text
+    # With a thickness (mm) only, no measurements contradict each other.
     memory.pipe("/shared/study/tissue.toml", b"heel = 17")
     assert cohort.main(["memory://shared/study", "--out", "memory://shared/table"]) == 0
 

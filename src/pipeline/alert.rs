@@ -1,14 +1,14 @@
 //! Alerts: when a region has carried too much load for too long, the wearer is asked to unload it.
 //!
-//! An alert is raised while a region is under sustained load ([`super::cumulative`]), and repeated after
-//! [`AlertRules::pause_s`] until the region is relieved; and once a day when the dose of a region reaches
+//! An alert is raised when a region comes under sustained load ([`super::cumulative`]), and is repeated after
+//! [`AlertRules::pause_s`] until the region is relieved. Another alert is raised once a day when the dose of a region reaches
 //! [`AlertRules::dose_kpa_s`]. At most [`AlertRules::per_day`] alerts are raised in a day, so that they do not go on without end.
 
 use super::cumulative::{LoadLimits, Totals};
 use super::region::Side;
 use serde::{Deserialize, Serialize};
 
-/// Longest time without alerts after an alert or on request, s: 12 hours.
+/// Largest [`AlertRules::pause_s`], and longest snooze that can be requested, s: 12 hours.
 pub const MAX_SNOOZE_S: u16 = 43_200;
 
 /// The rules of alerts.
@@ -65,7 +65,7 @@ impl AlertRules {
             && self.day_start_min < 1440
     }
 
-    /// The number of the wearer's day at the time `unix_us`, us since 1970; at least 1.
+    /// The number of the wearer's day at the time `unix_us`, us since 1970. Day 1 contains the first moment of 1970.
     pub fn day(&self, unix_us: u64) -> u32 {
         let minutes = unix_us / 60_000_000;
         (minutes.saturating_sub(self.day_start_min.into()) / 1440 + 1) as u32
@@ -94,8 +94,8 @@ pub struct AlertRecord {
 /// The load of a day, and the state of the alerts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DailyLoad {
-    /// Number of the wearer's day, see [`AlertRules::day`]; 0 without a clock: then the day begins with the start of the insole,
-    /// and lasts 24 hours.
+    /// Number of the wearer's day, see [`AlertRules::day`]. It is 0 without a clock: each day then lasts 24 hours, and the first
+    /// one begins with the start of the insole.
     pub day: u32,
     /// The load.
     pub totals: Totals,
@@ -127,7 +127,8 @@ pub(crate) struct Alerts {
     today: u8,
     /// Bit i: the dose of region i has reached its limit, and an alert was raised.
     dose: u8,
-    /// The regions of the alert that was raised last, until it is taken: under sustained load, and by dose.
+    /// The regions of the last alert until it is taken: those under sustained load, and those for which the dose has reached the
+    /// limit. (0, 0) if no alert waits.
     raised: (u8, u8),
     /// Number of the frame that raised the last alert.
     raised_seq: u32,
@@ -150,7 +151,7 @@ impl Alerts {
         raised_window_s: 0,
     };
 
-    /// Raises an alert if the rules demand it, after each second. Frame `seq` ends the second.
+    /// Ends a second, and raises an alert if the rules demand it. Frame `seq` was the last one of the second.
     pub(crate) fn end_second(&mut self, rules: &AlertRules, seq: u32, sustained: u8, totals: &Totals) {
         self.snoozed_s = self.snoozed_s.saturating_sub(1);
         let sustained = sustained & rules.regions;
@@ -193,7 +194,7 @@ impl Alerts {
         self.snoozed_s = self.snoozed_s.max(earlier.snoozed_s);
     }
 
-    /// Counts a second. True if the day has no clock and has ended.
+    /// Counts a second. True if there is no clock, and the day has lasted 24 hours.
     pub(crate) fn count_second(&mut self) -> bool {
         self.seconds += 1;
         self.day == 0 && self.seconds >= 86_400

@@ -53,7 +53,8 @@ impl<R: Real> InsoleCell<R> {
         has_pressure
     }
 
-    /// The pressure of a code above the baseline, on the sensor curve that all cells share, kPa.
+    /// The amount by which the pressure of a code exceeds that of the baseline, on the sensor curve that all cells share, kPa; at
+    /// least 0.
     pub(crate) fn above_kpa(&self, code: u32, curve: &Curve) -> f32 {
         let curve_kpa: f32 = curve.pressure_kpa((code as i32 - i32::from(self.baseline.zero)).max(0));
         (curve_kpa - self.baseline.residual_kpa).max(0.0)
@@ -118,10 +119,10 @@ fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16
     moments
 }
 
-/// Calibrates the cells of a region, sums their forces, and updates the contact area. `COVERED` states whether cells can be in
-/// contact in part. Returns the code of the *highest cell*, the one with the largest pressure, minus its code at zero pressure; 0
-/// if no cell has a pressure near the largest one of the previous frame. If [`Residual::may_exceed`] is true, another cell may be
-/// the highest one, and [`find_peak`] must be called.
+/// Converts the codes of a region's cells to pressures, sums their forces, and updates the contact area. `COVERED` states whether
+/// cells can be in contact in part. Returns the code of the *highest cell*, the one with the largest pressure, minus its code at
+/// zero pressure; 0 if no cell exceeds the code [`candidate`] of the previous frame. If [`Residual::may_exceed`] is true, another
+/// cell may be the highest one, and [`find_peak`] must be called.
 #[inline(always)]
 pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     curve: &Curve,
@@ -197,9 +198,9 @@ impl<R: Real> Sums<R> {
     }
 }
 
-/// The highest cell of a region. A cell that was not compared has a code of at most seven eighths of [`RegionFrame::peak_code`]
-/// in the previous frame. The highest code of a baseline is subtracted in `peak_code`, because a cell without residual pressure
-/// may have a higher pressure at a lower code.
+/// The highest cell of a region. In [`sum_region`], a cell that was not compared has a code above zero pressure of at most seven
+/// eighths of the previous frame's [`RegionFrame::peak_code`]. That value is the code of the highest cell minus
+/// [`Residual::code`], because a cell without residual pressure may have a higher pressure at a lower code.
 struct Peak<R> {
     /// Pressure above the baseline, kPa.
     kpa: R,
@@ -246,12 +247,12 @@ pub(crate) fn area_units(area: &ContactArea) -> i32 {
     area.units() >> AREA_SHIFT
 }
 
-/// The baselines of a region's cells.
+/// The residual pressure of a region's cells, that is, the pressure of their baselines.
 #[derive(Debug)]
 pub(crate) struct Residual<R> {
     /// Force of the baselines, and its moments about the region's reference point.
     pub(crate) force: ForceMoments<R>,
-    /// The highest code of a baseline above zero pressure.
+    /// The largest difference between the code of a cell's baseline and its code at zero pressure.
     pub(crate) code: i32,
     /// Largest gain of the cells. It is 0 if their gains are equal and no cell has residual pressure: of two cells, the one with
     /// the higher code then always has the higher pressure.

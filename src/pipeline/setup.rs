@@ -116,11 +116,11 @@ impl core::error::Error for SetupError {}
 /// The division of the cells into regions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Division {
-    /// Index of the last cell of each region, plus 1.
+    /// Index after the last cell of each region; for a region without cells, that of the region before it.
     pub(crate) ends: [usize; 8],
     /// Reference point of each region, foot coordinates, mm: the middle of its extent.
     pub(crate) origins_mm: [(f32, f32); 8],
-    /// Extent of the centroids of each region along each axis, mm.
+    /// Extent of the centres of the cells of each region along each axis, mm.
     pub(crate) extents_mm: [(f32, f32); 8],
 }
 

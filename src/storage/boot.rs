@@ -16,7 +16,7 @@ use embedded_storage_async::nor_flash as asynchronous;
 /// Size of the largest block that is copied at once, bytes.
 const BUFFER: usize = SECTOR as usize;
 
-/// Number of attempts to read the state, after which the active image starts without it.
+/// Number of attempts to read the state. If all of them fail, the active image starts.
 const STATE_READS: usize = 3;
 
 /// Polls a future until it is ready, with a waker that does nothing; `None` if it is not ready after `polls` polls.
@@ -61,7 +61,7 @@ impl<F: asynchronous::NorFlash> NorFlash for Blocking<F> {
 }
 
 /// Swaps the image in `active` with the one in [`OTHER`], or swaps them back, if the state of the bootloader in the flash chip
-/// demands it. Returns the state before.
+/// demands it. Returns the state that was read before this.
 ///
 /// If no attempt to read the state succeeds, nothing changes, and the result is [`State::Boot`]: the active image is to be
 /// started, as without a chip. This image is incomplete if a loss of power or a reset has interrupted a swap. It then fails, the

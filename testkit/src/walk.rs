@@ -1,5 +1,5 @@
-//! The wearer of a simulated insole: walks and other activities that a test starts, with sensor faults and frames of which the
-//! matrix does not answer for all rows.
+//! The wearer of a simulated insole: walks and other activities that a test starts, with sensor faults, and with incomplete
+//! frames, in which some rows of the matrix do not answer.
 
 use emulator::SensorFault;
 use plantar::Side;
@@ -22,7 +22,7 @@ pub struct Codes {
     /// The codes of all cells, frame by frame.
     frames: Vec<u16>,
     /// The codes of the frame with the largest number of loaded cells.
-    flat: Vec<u16>,
+    most_loaded: Vec<u16>,
     /// For each step, the number of frames from the start of the walk to the end of the swing phase after the step.
     step_ends: Vec<usize>,
 }
@@ -48,8 +48,8 @@ impl Codes {
         step_ends.push(recording.frames());
         assert_eq!(step_ends.len(), LOOP_STEPS, "the swing phase after each step must be unloaded");
         let loaded = |codes: &&[u16]| codes.iter().filter(|code| **code > 0).count();
-        let flat = frames.chunks_exact(cells).max_by_key(loaded).unwrap_or_default().to_vec();
-        Self { virtual_insole, cells, frames, flat, step_ends }
+        let most_loaded = frames.chunks_exact(cells).max_by_key(loaded).unwrap_or_default().to_vec();
+        Self { virtual_insole, cells, frames, most_loaded, step_ends }
     }
 
     /// Number of frames of the computed walk.
@@ -64,14 +64,15 @@ impl Codes {
     }
 }
 
-/// What a wearer does on the ground other than walking.
+/// An activity of a wearer other than walking.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Posture {
     /// The foot carries a constant load.
     Stand,
-    /// The codes vary between a third of their largest value and this value, and the load between a quarter and the whole, with a
-    /// period of 1.2 s.
+    /// The foot shifts its weight with a period of 1.2 s: the codes vary between 0.35 and 1.05 times those of the frame with the
+    /// largest number of loaded cells. The smallest load is about a quarter of the largest one, because codes are not
+    /// proportional to pressure.
     Shuffle,
     /// The foot carries little load.
     Sit,
@@ -99,22 +100,22 @@ struct Activity {
     frames: usize,
 }
 
-/// The foot in one insole.
+/// The wearer of one insole.
 pub struct Wearer {
     codes: Rc<Codes>,
     /// The latest activity.
     activity: Option<Activity>,
     faults: Vec<SensorFault>,
     /// Number of remaining frames that are incomplete, and the first row for which the matrix does not answer in them.
-    missing: Option<(u32, usize)>,
+    incomplete: Option<(u32, usize)>,
     /// True if the present frame is incomplete.
-    is_frame_missing: bool,
+    is_frame_incomplete: bool,
 }
 
 impl Wearer {
     /// A wearer whose foot does not load the insole.
     pub fn new(codes: Rc<Codes>) -> Self {
-        Self { codes, activity: None, faults: Vec::new(), missing: None, is_frame_missing: false }
+        Self { codes, activity: None, faults: Vec::new(), incomplete: None, is_frame_incomplete: false }
     }
 
     /// The configuration of the insole.
@@ -147,7 +148,7 @@ impl Wearer {
 
     /// Prevents the matrix from answering for `from_row` and the rows after it, in the next `frames` frames.
     pub fn miss_frames(&mut self, frames: u32, from_row: usize) {
-        self.missing = Some((frames, from_row));
+        self.incomplete = Some((frames, from_row));
     }
 
     /// Writes the present codes of all cells. Must be called once in each frame.
@@ -162,8 +163,8 @@ impl Wearer {
             }
             Some((Activity { posture: Some(posture), .. }, frame)) => {
                 let share = posture.share(frame as f64 * period_us as f64 * 1e-6);
-                for (code, &flat) in codes.iter_mut().zip(&self.codes.flat) {
-                    *code = (f64::from(flat) * share) as u16;
+                for (code, &most_loaded) in codes.iter_mut().zip(&self.codes.most_loaded) {
+                    *code = (f64::from(most_loaded) * share) as u16;
                 }
             }
             None => codes[..*cells].fill(0),
@@ -171,7 +172,7 @@ impl Wearer {
         for fault in &self.faults {
             fault.apply(now_us as f64 / 1e6, &[0; DEVICE_CELLS][..*cells], &mut codes[..*cells]);
         }
-        self.is_frame_missing = match &mut self.missing {
+        self.is_frame_incomplete = match &mut self.incomplete {
             Some((frames @ 1.., _)) => {
                 *frames -= 1;
                 true
@@ -182,6 +183,6 @@ impl Wearer {
 
     /// True if the matrix does not answer for this row of the present frame.
     pub fn is_row_missing(&self, row: usize) -> bool {
-        self.is_frame_missing && self.missing.is_some_and(|(_, from_row)| row >= from_row)
+        self.is_frame_incomplete && self.incomplete.is_some_and(|(_, from_row)| row >= from_row)
     }
 }

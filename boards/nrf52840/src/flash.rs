@@ -38,7 +38,8 @@ impl Wait for Sleep {
 /// The chip, which is written and erased only while its supply is sufficient.
 pub type Chip = Supplied<nrf52840_drivers::flash::Chip<Qspi<Sleep>, CHIP_BYTES>, fn() -> bool>;
 
-/// Opens the chip; `None` if it is missing, too small, does not answer in time, or returns different identities.
+/// Opens the chip. `None` if it is missing, too small, does not answer in time, or does not return the same valid identity each
+/// time.
 pub async fn open(qspi: Peri<'static, peripherals::QSPI>) -> Option<Chip> {
     let chip = nrf52840_drivers::flash::Chip::open(Qspi::new(qspi, Sleep)).await?;
     Some(Supplied::new(chip, CHIP_BYTES, matrix::is_supplied))

@@ -19,7 +19,7 @@ use embassy_nrf::{Peri, bind_interrupts, pac, peripherals};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use nrf52840_drivers::{battery, wait_cycles};
 use plantar::firmware::board::{Matrix, MatrixTimeout};
-use plantar::firmware::front_end::{CLIPPED_CODE, SETTLE_US, START_US};
+use plantar::firmware::front_end::{SETTLE_US, START_US};
 use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};
 use plantar::pipeline::calibrate::FULL_CODE;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -35,7 +35,11 @@ pub const INPUTS: usize = 4;
 const CHANNELS: usize = 4;
 const _: () = assert!(INPUTS * CHANNELS == COLUMNS && ROWS == 16);
 
-/// Settling time after a change of the multiplexers, us: they connect outputs that have settled, through 200 ohm to 1 nF.
+/// Least code that counts as saturated. A saturated amplifier has the code 65,204, but the gain of the converter may be 3 % too low:
+/// the code is then 63,248.
+const CLIPPED_CODE: u16 = 62_900;
+/// Settling time after a change of the multiplexers, us: they connect outputs that have settled to the
+/// converter and some 60 pF.
 const SWITCH_US: u32 = 3;
 
 /// The core's clock, MHz.

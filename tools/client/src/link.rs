@@ -13,8 +13,9 @@ pub struct ReconnectPolicy {
     /// Time within which a silent insole must answer a connect request over the carrier in use; otherwise the carrier is opened
     /// again.
     pub probe: Duration,
-    /// Longest time without a message, not counting cells and ellipses, while the live stream is on. After a longer silence the
-    /// insole may have restarted, so a connect request is sent.
+    /// Longest time without a message for the caller (see [`Client::receive`]), not counting cells and ellipses, while the live
+    /// stream is on. The answers to the requests for the time do not count either. After a longer silence the insole may have
+    /// restarted, so a connect request is sent.
     pub silence: Duration,
     /// Time between two attempts.
     pub retry: Duration,
@@ -138,7 +139,8 @@ impl<C: Carrier + 'static> Link<C> {
         &mut self.client
     }
 
-    /// Requests the live stream of the first session, so that [`Link::next_event`] does not request it.
+    /// Requests the live stream of the present session. If the caller does not call this after [`Link::connect`], the first
+    /// [`Link::next_event`] does.
     ///
     /// # Errors
     /// Those of [`Client::stream`].

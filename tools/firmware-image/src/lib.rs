@@ -138,8 +138,11 @@ fn read(path: &Path) -> Result<Vec<u8>, Error> {
     std::fs::read(path).map_err(|error| Error::Read(path.into(), error))
 }
 
+/// The header of an image. Its texts are printed, so they may only have visible ASCII characters.
 fn header(bytes: &[u8]) -> Option<Header> {
-    Header::read(bytes.get(HEADER as usize..)?.first_chunk()?)
+    let header = Header::read(bytes.get(HEADER as usize..)?.first_chunk()?)?;
+    let is_printable = [header.board(), header.version()].iter().all(|text| text.bytes().all(|b| b.is_ascii_graphic()));
+    is_printable.then_some(header)
 }
 
 /// The contents of a board's flash from the application's start on, padded to whole chunks, for `firmware`, an ELF file from the

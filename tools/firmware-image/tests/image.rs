@@ -56,6 +56,20 @@ fn an_image_is_accepted_up_to_the_space_for_it() {
     assert!(error.contains("image.bin") && error.contains(&format!("at most {MAX_IMAGE} bytes")), "{error}");
 }
 
+/// The texts of the header are printed.
+#[test]
+fn an_image_with_a_control_character_in_its_header_is_refused() {
+    let (key, path) = (SigningKey::from_bytes(&[7; 32]), Path::new("image.bin"));
+    let file = |board: &str| {
+        let mut bytes = vec![0; 10 * CHUNK];
+        let header = Header::new(board, "1.2.3").bytes();
+        bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
+        Image::sign(bytes, &key).map(|image| image.file())
+    };
+    assert!(file("emulated").is_some_and(|file| Image::parse(&file, path).is_ok()));
+    assert!(file("emu\u{1b}[2J").is_none());
+}
+
 #[test]
 fn firmware_that_is_too_large_is_named_as_such() {
     let len = MAX_IMAGE + 1;

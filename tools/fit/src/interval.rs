@@ -18,13 +18,13 @@ pub struct Interval {
     /// The interval from the Jacobian and, with a prior, the distribution among people. It describes the uncertainty due to the
     /// scatter of the force about the model. Without a prior, other parameters that are at a bound are held there.
     pub jacobian: [f64; 2],
-    /// The interval from resampled steps, which includes the differences between steps. `None` for fewer than [`RESAMPLED_STEPS`]
-    /// steps, or without resamples.
+    /// The interval from resampled steps, which includes the differences between steps. `None` for fewer than
+    /// [`MIN_BOOTSTRAP_STEPS`] steps, or without resamples.
     pub bootstrap: Option<[f64; 2]>,
     /// True if the estimate is at a bound of the search.
     pub at_bound: bool,
-    /// True if the force determines the parameter. False for m if G is 0 and, with a prior, for a parameter that the force leaves
-    /// nearly as uncertain as it is among people.
+    /// True if the force determines the parameter. Without a prior, it is false for a parameter on which the force does not
+    /// depend, such as m if G is 0; with a prior, for one that the force leaves nearly as uncertain as it is among people.
     pub is_identifiable: bool,
 }
 
@@ -34,12 +34,12 @@ pub struct Uncertainty {
     /// The intervals in the order of [`FIVE`].
     pub intervals: [Interval; 5],
     /// Correlation matrix of the estimates, in the order of [`FIVE`]. For A B, K and G it is the correlation of their logarithms.
-    /// Without a prior, it is 0 for parameters at a bound and for parameters on which the force does not depend.
+    /// Without a prior, it is 0 between any other parameter and one that is at a bound or does not affect the force.
     pub correlation: [[f64; 5]; 5],
 }
 
 /// Smallest number of steps for a bootstrap.
-pub const RESAMPLED_STEPS: usize = 10;
+pub const MIN_BOOTSTRAP_STEPS: usize = 10;
 /// Number of resamples that suffices for 95 % intervals.
 pub const RESAMPLES: u64 = 200;
 

@@ -1,4 +1,5 @@
-//! The force law (Eq. 13 in its identifiable form) over many samples at once, with its derivatives.
+//! The force law in its identifiable form ([`plantar::pipeline::model::ForceLaw`]) for many samples at once, with its
+//! derivatives.
 //!
 //! The parameter A B is replaced by `max_ratio`, the largest contact area divided by pi A B. The constraint of the model, that
 //! pi A B exceeds every contact area, is then the bound `max_ratio < 1`.
@@ -105,8 +106,8 @@ impl Deformation {
     }
 }
 
-/// One of the two terms of the weighted force (the force times [`Samples::weight`], which has no unit) for all samples, with its
-/// derivatives with respect to `max_ratio` and to its exponent.
+/// One of the two terms of the weighted force for all samples, with its derivatives with respect to `max_ratio` and to its
+/// exponent. The weighted force is the force times [`Samples::weight`]; it has no unit.
 #[derive(Default)]
 pub(crate) struct Column {
     pub force: Vec<f64>,

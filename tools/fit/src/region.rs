@@ -11,7 +11,7 @@ use crate::measures::{self, Basis, Measure, Peaks, Quantity, Resample, ScaleEffe
 use crate::paper;
 use crate::prior::{self, Prior};
 use crate::quality::{Evaluated, Quality, largest};
-use crate::scale::{Contradiction, Site};
+use crate::scale::{Contradiction, FittedRegion};
 use crate::screen::{NotFitted, usable};
 use crate::steps::FootEllipse;
 use crate::{Method, Options, RegionCurves, Samples, Step, parallel, steps, verdict};
@@ -177,10 +177,10 @@ const GROUPS_OF_MANY: usize = 5;
 
 /// The fits to resampled steps: as many steps as there are, drawn with replacement. With more than [`MANY`] steps and a prior,
 /// they are computed by [`Linearised`]. The same steps always result in the same fits. Empty for fewer than
-/// [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, which has no intervals.
+/// [`interval::MIN_BOOTSTRAP_STEPS`] steps, and for the paper's method, which has no intervals.
 fn resample(curves: &[&RegionCurves], fit_to_all: &SearchResult, options: &Options) -> Vec<Resample> {
     let Some(identified) = &fit_to_all.identified else { return Vec::new() };
-    if curves.len() < interval::RESAMPLED_STEPS {
+    if curves.len() < interval::MIN_BOOTSTRAP_STEPS {
         return Vec::new();
     }
     let peaks = fit_to_all.peaks();
@@ -416,7 +416,7 @@ impl SearchResult {
     ) -> (FixedParameters, Option<Contradiction>) {
         // The method of the paper uses no measurements.
         let contradiction = match self.ellipsoid {
-            None => self.site(curves, region, options).contradiction(&options.measured[region]),
+            None => self.fitted_region(curves, region, options).contradiction(&options.measured[region]),
             Some(_) => None,
         };
         (self.fixed_parameters_with(curves, region, options, contradiction.is_some()), contradiction)
@@ -435,7 +435,7 @@ impl SearchResult {
             let g_max = self.law.area_ratio(self.samples.area_max_m2).normalised_deformation();
             return paper::fixed_parameters(ellipsoid, &self.law, g_max);
         }
-        let Site { aspect, thickness_m, .. } = self.site(curves, region, options);
+        let FittedRegion { aspect, thickness_m, .. } = self.fitted_region(curves, region, options);
         let measured = &options.measured[region];
         let is_thickness_measured = measured.has_thickness;
         let scale = if is_contradictory { None } else { measured.scale(aspect) };
@@ -444,8 +444,8 @@ impl SearchResult {
     }
 
     /// The data from which C follows.
-    fn site(&self, curves: &[&RegionCurves], region: usize, options: &Options) -> Site<'_> {
-        Site {
+    fn fitted_region(&self, curves: &[&RegionCurves], region: usize, options: &Options) -> FittedRegion<'_> {
+        FittedRegion {
             law: &self.law,
             area_max_m2: self.samples.area_max_m2,
             thickness_m: options.thickness_m[region],

@@ -1,6 +1,6 @@
 //! The scale of the deformation: what determines C, the vertical radius of the ellipsoid.
 //!
-//! The force does not depend on C, so C follows from one of three other data: a measured peak strain of the tissue, a measured
+//! The force does not depend on C, so C follows from one of three other sources: a measured peak strain of the tissue, a measured
 //! curvature of the unloaded sole, or, without a measurement, an assumed compression. Near its lowest point, an ellipsoid has the
 //! radii of curvature A^2/C and B^2/C. The force determines A B, and the contact ellipse determines A/B, so each of the two radii
 //! determines C.
@@ -46,9 +46,9 @@ impl Measured {
     /// Nothing was measured.
     pub const NONE: Self = Self { has_thickness: false, peak_strain: None, curvature_m: [None; 2] };
 
-    /// The scale from the measurements; `None` if there are none. With a measured thickness, a peak strain takes precedence over
-    /// a consistent curvature, because it is the deformation itself; with a typical thickness, a curvature does, because it does
-    /// not depend on the thickness. `aspect` is A divided by B.
+    /// The scale from the measurements, which must not contradict each other ([`FittedRegion::contradiction`]); `None` if there
+    /// are none. If the thickness was measured, a peak strain takes precedence over a curvature, because it states the
+    /// deformation itself; otherwise a curvature does, because it does not depend on the thickness. `aspect` is A divided by B.
     pub(crate) fn scale(&self, aspect: f64) -> Option<Scale> {
         let curvature = match self.curvature_m {
             [Some(medial_lateral_m), Some(heel_toe_m)] => Some((medial_lateral_m * heel_toe_m).sqrt()),
@@ -112,7 +112,7 @@ impl fmt::Display for Scale {
 }
 
 /// The data from which C of a region follows.
-pub(crate) struct Site<'s> {
+pub(crate) struct FittedRegion<'s> {
     /// The force law; its C is not used.
     pub law: &'s ForceLaw<f64>,
     /// Largest contact area, m2.
@@ -123,8 +123,8 @@ pub(crate) struct Site<'s> {
     pub aspect: f64,
 }
 
-impl Site<'_> {
-    /// The contradiction of the measurements to each other, or to the properties of tissue; `None` if there is none.
+impl FittedRegion<'_> {
+    /// The contradiction between the measurements, or between them and the properties of tissue; `None` if there is none.
     pub fn contradiction(&self, measured: &Measured) -> Option<Contradiction> {
         let c_m = |scale: Scale| scale.c_m(self.law, self.area_max_m2, self.thickness_m);
         let typical_m = (!measured.has_thickness).then_some(self.thickness_m);
@@ -135,7 +135,8 @@ impl Site<'_> {
             .filter_map(|(name, mean)| Some((name, c_m(Scale::Curvature(mean?)))))
             .collect();
         let all: Vec<_> = strain.into_iter().chain(radii.iter().copied()).collect();
-        // Radii that contradict each other do so with any thickness. A peak strain may contradict them only with the typical one.
+        // Radii that contradict each other do so with any thickness. If a peak strain contradicts them, a typical thickness may
+        // be the cause.
         for (values, typical_m) in [(&radii, None), (&all, typical_m)] {
             let by_c = |a: &&(&str, f64), b: &&(&str, f64)| a.1.total_cmp(&b.1);
             if let (Some(&least), Some(&most)) = (values.iter().min_by(by_c), values.iter().max_by(by_c))
@@ -237,8 +238,8 @@ mod tests {
     /// The scale that follows from the measurements of the heel, and its C, m.
     fn chosen(measured: &Measured) -> Result<(Scale, f64), Contradiction> {
         let (law, area_max_m2, _) = heel();
-        let site = Site { law: &law, area_max_m2, thickness_m: THICKNESS_M, aspect: ASPECT };
-        if let Some(contradiction) = site.contradiction(measured) {
+        let region = FittedRegion { law: &law, area_max_m2, thickness_m: THICKNESS_M, aspect: ASPECT };
+        if let Some(contradiction) = region.contradiction(measured) {
             return Err(contradiction);
         }
         let scale = measured.scale(ASPECT).unwrap_or(Scale::Assumed(0.457));
@@ -270,10 +271,10 @@ mod tests {
     fn measurements_whose_c_differ_by_a_factor_above_1_5_contradict_each_other() {
         let (.., all) = heel();
         let [medial_lateral_m, heel_toe_m] = all.curvature_m;
-        let larger = |radius_m: Option<f64>, factor: f64| radius_m.map(|m| m * factor);
+        let scaled = |radius_m: Option<f64>, factor: f64| radius_m.map(|m| m * factor);
         // C is inversely proportional to a radius.
         let both =
-            |factor| Measured { curvature_m: [larger(medial_lateral_m, factor), larger(heel_toe_m, factor)], ..all };
+            |factor| Measured { curvature_m: [scaled(medial_lateral_m, factor), scaled(heel_toe_m, factor)], ..all };
         assert!(chosen(&both(1.45)).is_ok() && chosen(&both(1.0 / 1.45)).is_ok());
         let problem = chosen(&both(1.6)).expect_err("a contradiction").to_string();
         assert!(problem.contains("C is 7.5 mm") && problem.contains("12.0 mm by the peak strain"), "{problem}");
@@ -282,7 +283,7 @@ mod tests {
         let problem = chosen(&both(1.53)).expect_err("a contradiction").to_string();
         assert!(problem.contains("a factor of 1.53 (at most 1.5 is accepted)"), "{problem}");
         // The radii contradict the measured A/B.
-        let sole = Measured { peak_strain: None, curvature_m: [medial_lateral_m, larger(heel_toe_m, 1.6)], ..all };
+        let sole = Measured { peak_strain: None, curvature_m: [medial_lateral_m, scaled(heel_toe_m, 1.6)], ..all };
         let problem = chosen(&sole).expect_err("a contradiction").to_string();
         assert!(problem.contains("medial-lateral curvature") && problem.contains("heel-toe curvature"), "{problem}");
     }
@@ -308,7 +309,7 @@ mod tests {
                 assert_eq!(problem.contains("measure this region again"), has_thickness, "{problem}");
             }
         }
-        // The two radii contradict each other, whatever the thickness is, also beside a peak strain with a smaller C than both.
+        // The two radii contradict each other with any thickness, also if a peak strain results in a smaller C than both of them.
         for peak_strain in [None, all.peak_strain.map(|strain| 0.5 * strain)] {
             let sole = Measured { peak_strain, curvature_m: [all.curvature_m[0], larger_m[1]], has_thickness: false };
             let problem = chosen(&sole).expect_err("a contradiction").to_string();

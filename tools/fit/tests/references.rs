@@ -76,7 +76,7 @@ fn assert_coverage(count: usize, resamples: u64) {
 
 #[test]
 fn resampled_intervals_contain_the_truth_although_the_references_vary() {
-    assert_coverage(interval::RESAMPLED_STEPS + 2, interval::RESAMPLES);
+    assert_coverage(interval::MIN_BOOTSTRAP_STEPS + 2, interval::RESAMPLES);
 }
 
 #[test]

@@ -50,7 +50,7 @@ pub enum Error {
     },
 }
 
-/// The reason why no insole can use parameters: they hold for areas that were smoothed as in the paper.
+/// An error for parameters that no insole can use, because they are valid only for areas that were smoothed as in the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error(
     "the parameters were identified with the paper's smoothing of the contact area, which no insole evaluates; identify them \
@@ -190,7 +190,7 @@ struct FileIdentified {
     contact_full_kpa: f32,
     side: String,
     steps: u32,
-    /// Names of regions; all of them if the entry is missing, as in files of earlier versions.
+    /// Names of regions; all of them if the entry is missing, as in files that earlier versions of `plantar` wrote.
     regions: Option<Vec<String>>,
 }
 
@@ -232,6 +232,7 @@ impl Parameters {
     /// As [`Parameters::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let form = |problem: String| Error::Form { file: path.into(), problem };
+        check_characters(text).map_err(form)?;
         let malformed = |e: toml::de::Error| form(e.to_string().trim_end().into());
         let Version { version } = toml::from_str(text).map_err(malformed)?;
         if version != VERSION {
@@ -240,10 +241,16 @@ impl Parameters {
             )));
         }
         let file: File = toml::from_str(text).map_err(malformed)?;
+        if file.subject.contains(char::is_control) {
+            return Err(form("subject has a control character: remove it".into()));
+        }
         let wrong = |region: &str, problem: String| Error::Region { file: path.into(), region: region.into(), problem };
         if let Some((name, region)) = file.regions.iter().find(|(name, _)| Region::from_name(name).is_none()) {
             let line = line_of(text, region.span().start);
-            return Err(wrong(name, format!("(line {line}) is not a region; the regions are {}", region_names())));
+            return Err(wrong(
+                &name.escape_debug().to_string(),
+                format!("(line {line}) is not a region; the regions are {}", region_names()),
+            ));
         }
         let mut regions = [None; 8];
         let mut deformation = DeformationScale::ALL_ASSUMED;
@@ -428,6 +435,18 @@ impl Parameters {
     }
 }
 
+/// Checks that a file has no control characters except line ends and tabs: they would have an effect on the terminal that shows a
+/// part of the file in a message.
+///
+/// # Errors
+/// The problem with its line.
+pub(crate) fn check_characters(text: &str) -> Result<(), String> {
+    match text.find(|c: char| c.is_control() && !['\n', '\r', '\t'].contains(&c)) {
+        Some(at) => Err(format!("line {} has a control character: remove it", line_of(text, at))),
+        None => Ok(()),
+    }
+}
+
 /// The number, from 1, of the line that contains the byte at `offset`.
 fn line_of(text: &str, offset: usize) -> usize {
     text[..offset].matches('\n').count() + 1
@@ -491,8 +510,8 @@ impl FileRegion {
         let law = ellipsoid.force_law();
         if !law.single().is_valid() {
             return Err(format!(
-                "results in K = k C^(n+1) / d0^n = {:e} Pa and G = c C^(m+1) / d0^m = {:e} Pa s, more than {:e}; check \
-                 k_n_m3, c_n_s_m3, n and m",
+                "results in K = k C^(n+1) / d0^n = {:e} Pa and G = c C^(m+1) / d0^m = {:e} Pa s, of which at least one is \
+                 more than {:e}; check k_n_m3, c_n_s_m3, n and m",
                 law.stiffness_pa,
                 law.damping_pa_s,
                 COEFFICIENT.end()

@@ -1,6 +1,6 @@
 //! Data of a participant of a study.
 
-use crate::{Error, InsoleSize};
+use crate::{Error, InsoleSize, check_characters};
 use serde::{Deserialize, Deserializer, de};
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -82,8 +82,9 @@ impl Participant {
     /// # Errors
     /// As [`Participant::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
-        let mut participant: Self = toml::from_str(text)
-            .map_err(|e| Error::Form { file: path.into(), problem: e.to_string().trim_end().into() })?;
+        let form = |problem: String| Error::Form { file: path.into(), problem };
+        check_characters(text).map_err(form)?;
+        let mut participant: Self = toml::from_str(text).map_err(|e| form(e.to_string().trim_end().into()))?;
         for file in [&mut participant.zero, &mut participant.tissue].into_iter().flatten() {
             *file = path.with_file_name(&file);
         }

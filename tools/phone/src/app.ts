@@ -151,13 +151,19 @@ export class App {
     this.stepsChanged();
   }
 
+  /**
+   * True, with a message, in a frame of another page. There, this page has a store of its own, and steps that it acknowledges
+   * would be lost for the wearer.
+   */
+  private isFramed(): boolean {
+    if (window.top === window) return false;
+    this.fail("This page does not connect within another page. Open it in a tab of its own.");
+    return true;
+  }
+
   /** Connects to the insoles of `plantar serve`. */
   private serve(): void {
-    // In a frame of another page, this page has a store of its own, and steps that it acknowledges would be lost for the wearer.
-    if (window.top !== window) {
-      this.problem = "This page does not connect within another page. Open it in a tab of its own.";
-      return;
-    }
+    if (this.isFramed()) return;
     const url = new URL("insoles", location.href);
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     url.search = "";
@@ -190,6 +196,7 @@ export class App {
 
   /** Lets the wearer choose an insole, and connects it over Bluetooth. */
   private async bluetooth(): Promise<void> {
+    if (this.isFramed()) return;
     const { transport: before } = this.insoles;
     const { gatt } = this.wire.facts;
     const transport = before instanceof BluetoothTransport ? before : new BluetoothTransport(gatt, this.insoles.transportEvents);

@@ -25,8 +25,8 @@ export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const sides = new Map<number, Side>();
   const all = [...recorded].map(({ t_ms, insole, message }) => ({ t_ms, insole, decoded: wire.decode(message) }));
   const mappings = INSOLES.map(wire.recordedClockMapping);
-  // The clock of an insole begins again at each restart, which a hello reports. The clock mapping of a session is therefore
-  // computed from the time messages up to the next hello.
+  // The clock of an insole begins again at each restart, and a hello follows each restart. The clock mapping is therefore
+  // computed separately for the time messages between two hellos.
   const beginSession = (first: number, of_insole: number) => {
     const rest = all.slice(first).filter(({ insole }) => insole === of_insole);
     const end = rest.findIndex(({ decoded }) => decoded?.kind === "hello");

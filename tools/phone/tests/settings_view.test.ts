@@ -12,6 +12,7 @@ vi.mock("../src/dom", async () => (await import("./elements")).dom);
 
 const wire = await loadWire();
 
+// These tests run without a document, so the classes of elements that the page names must be defined.
 beforeEach(() => ["HTMLButtonElement", "HTMLInputElement", "HTMLSelectElement"].forEach((name) => vi.stubGlobal(name, Object)));
 afterEach(() => void vi.unstubAllGlobals());
 
@@ -51,7 +52,7 @@ test("a recording that was not exported is replaced only if the wearer agrees", 
     return recorder.isRecording;
   };
   expect([press(), press(), confirm.mock.calls.length]).toEqual([true, false, 0]);
-  // The answer becomes a part of the recording.
+  // Each connected insole is asked how its parameters were identified, so that the recording contains its answer.
   expect(requestIdentified).toHaveBeenCalledOnce();
   expect([press(), confirm.mock.calls.length]).toEqual([false, 1]);
   is_confirmed = true;

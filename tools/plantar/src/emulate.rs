@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// The path at which `cargo xtask build` writes the firmware of the emulated board.
-pub const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/emulated";
+const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/emulated";
 /// Time without a message after which an insole that sends a live stream counts as failed; long enough for a slow emulator.
 const SILENCE: Duration = Duration::from_secs(10);
 
@@ -67,9 +67,10 @@ pub struct Emulate {
     #[cfg(feature = "log")]
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// The firmware file of the emulated board, from `cargo xtask build`.
-    #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
-    firmware: PathBuf,
+    /// The firmware file of the emulated board, from `cargo xtask build`, which runs with your rights [default: that in the
+    /// repository of this program].
+    #[arg(long, value_name = "FILE")]
+    firmware: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -116,7 +117,30 @@ struct Outcome {
     status: Status,
 }
 
+/// The firmware of the emulated board in the repository of this program.
+pub fn find_firmware() -> PathBuf {
+    in_repository(Path::new(FIRMWARE), Path::is_file)
+}
+
+/// The first file or folder of this relative path for which `is_built` returns true, in the folders above this program, which is in
+/// the folder `target` of its repository; without one, a path beside the program. The current folder is not searched: it may
+/// contain files of someone else.
+pub fn in_repository(path: &Path, is_built: impl Fn(&Path) -> bool) -> PathBuf {
+    // If the system does not state the path of the program, no file is found in the root folder.
+    let program = std::env::current_exe().unwrap_or_else(|_| "/".into());
+    let candidates = || program.ancestors().skip(1).map(|folder| folder.join(path));
+    candidates()
+        .find(|candidate| is_built(candidate))
+        .or_else(|| candidates().next())
+        .unwrap_or_else(|| program.join(path))
+}
+
 impl Emulate {
+    /// The firmware that the options name, or that of the repository.
+    fn firmware(&self) -> PathBuf {
+        self.firmware.clone().unwrap_or_else(find_firmware)
+    }
+
     pub fn run(&self) -> Result<()> {
         self.check_files()?;
         let parameters = match self.identify {
@@ -143,7 +167,7 @@ impl Emulate {
             Speed::Real => Time::Real,
             Speed::Max => Time::Fastest,
         };
-        let board = Board::start(&self.firmware, &config, &cells, time, walk)?;
+        let board = Board::start(&self.firmware(), &config, &cells, time, walk)?;
         let mut link = board.link()?;
         link.set_read_timeout(Some(READ_TIMEOUT))?;
         let result = self.walk(&board, link, &parameters, duration_s, scans);
@@ -156,7 +180,7 @@ impl Emulate {
     /// Checks that no output replaces an input or another output.
     fn check_files(&self) -> Result<()> {
         let mut read = self.insole.inputs(std::slice::from_ref(&self.recording));
-        read.push(self.firmware.clone());
+        read.push(self.firmware());
         let written = [
             self.json.as_deref(),
             #[cfg(feature = "log")]
@@ -247,7 +271,7 @@ impl Emulate {
     #[cfg(feature = "log")]
     fn write_log(&self, board: &Board) -> Result<()> {
         let Some(path) = &self.log else { return Ok(()) };
-        let lines: String = board.log(&self.firmware)?.iter().map(|entry| format!("{entry}\n")).collect();
+        let lines: String = board.log(&self.firmware())?.iter().map(|entry| format!("{entry}\n")).collect();
         crate::fit::write(path, lines.as_bytes())
     }
 

@@ -134,7 +134,7 @@ impl FromStr for StepRange {
         let (first, last) = text.split_once('-').unwrap_or((text, text));
         match (first.parse(), last.parse()) {
             (Ok(first), Ok(last)) if first <= last => Ok(Self(first, last)),
-            _ => Err("expected N or N-M, numbers of steps from 0, with M not below N".into()),
+            _ => Err("expected a step number N, or a range N-M with M at least N; numbers begin at 0".into()),
         }
     }
 }
@@ -424,7 +424,8 @@ fn mean_mm2(layout: &Layout) -> f64 {
     layout.cells.iter().map(|cell| cell.area_mm2).sum::<f64>() / layout.cells.len() as f64
 }
 
-/// True if two layouts have the same name up to a comma, but for the foot, and cells of about the same size.
+/// True if the names of two layouts, each up to its first comma, differ at most in the words or letters for left and right, and
+/// their cells are of about the same size.
 fn is_same_sensor(first: &Layout, second: &Layout) -> bool {
     let ratio = mean_mm2(first) / mean_mm2(second);
     is_same_but_for_the_foot(&first.name, &second.name) && (1.0 / SAME_SIZE..=SAME_SIZE).contains(&ratio)

@@ -1,7 +1,7 @@
 //! `plantar serve`: serves the page for a phone, with insoles that are connected to this computer.
 
 use crate::carrier::{Ports, open_error, open_serial, open_tcp};
-use crate::emulate::{EmulatedInsole, FIRMWARE};
+use crate::emulate::{EmulatedInsole, find_firmware, in_repository};
 use crate::setup::InsoleArgs;
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -10,7 +10,7 @@ use emulation::EmulatorConfig;
 use emulator::{Board, Joined, Recorded, Time};
 use serve::{MAX_INSOLES, Options, Source};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -28,9 +28,10 @@ pub struct Serve {
     emulate: Vec<PathBuf>,
     #[command(flatten)]
     insole: InsoleArgs,
-    /// The firmware file of the emulated board, from `cargo xtask build`.
-    #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
-    firmware: PathBuf,
+    /// The firmware file of the emulated board, from `cargo xtask build`, which runs with your rights [default: that in the
+    /// repository of this program].
+    #[arg(long, value_name = "FILE")]
+    firmware: Option<PathBuf>,
     /// Write the hello messages (foot, board, firmware), live frames, steps, load bouts, alerts, counters and clock times of the
     /// insoles to this file, which must be new or empty. Other messages, such as contact ellipses, are not written; docs/live.md
     /// lists both. An insole deletes a step once the step is written to this file or, without this option, once a page has
@@ -57,7 +58,7 @@ pub struct Serve {
     /// page that can connect is then able to do so.
     #[arg(long)]
     accept_parameters: bool,
-    /// Folder of the built page [default: tools/phone/dist, below the current folder or in the repository of this program].
+    /// Folder of the built page [default: tools/phone/dist in the repository of this program].
     #[arg(long, value_name = "DIR")]
     page: Option<PathBuf>,
 }
@@ -88,6 +89,7 @@ impl Serve {
         // An emulated board runs until it is dropped, so the boards are held until the program ends.
         let mut boards = Vec::new();
         let mut emulated = Vec::new();
+        let firmware = self.firmware.clone().unwrap_or_else(find_firmware);
         for path in &self.emulate {
             let parameters = self.insole.wearer.parameters()?;
             emulated.push((path, EmulatedInsole::new(path, &parameters, &self.insole)?, parameters));
@@ -100,7 +102,7 @@ impl Serve {
             let cells = insole.cells.clone();
             let period = Duration::from_micros(insole.setup.period_us.into());
             let walk = Joined::new(Recorded::new(recording, insole), period, repeated_after, start.clone());
-            let board = Board::start(&self.firmware, &config, &cells, Time::Real, walk)?;
+            let board = Board::start(&firmware, &config, &cells, Time::Real, walk)?;
             let link = board.link()?;
             let mut source = source(path.display().to_string(), move || {
                 let mut link = link.try_clone()?;
@@ -140,11 +142,7 @@ fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn Carrier + Send>
     Source { name, open: Box::new(move || open().map_err(open_error)), tissue: None }
 }
 
-/// Finds the folder of the built page: below the current folder or, if this program is in the repository's `target` folder, in
-/// the repository.
+/// The folder of the built page in the repository of this program.
 fn find_page() -> PathBuf {
-    let program = std::env::current_exe().unwrap_or_default();
-    let above = program.ancestors().map(|folder| folder.join(PAGE));
-    let mut candidates = [PathBuf::from(PAGE)].into_iter().chain(above);
-    candidates.find(|page| page.join("index.html").is_file()).unwrap_or_else(|| PAGE.into())
+    in_repository(Path::new(PAGE), |page| page.join("index.html").is_file())
 }

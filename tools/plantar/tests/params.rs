@@ -355,6 +355,9 @@ fn bad_parameters_are_refused_before_anything_is_sent() {
         (good.replacen("k_n_m3 = ", "k_n_m3 = 1e13 # ", 1), ["regions.heel", "line 12", "more than 1e9"]),
         (good.replacen("\nm = ", "\nm = 11 # ", 1), ["regions.heel", "line 12", "up to 10"]),
         (good.replacen("subject = ", "subject ", 1), ["bad.toml", "line 9", "subject"]),
+        // The program prints the subject.
+        (good.replacen("subject = \"", "subject = \"\\u001b", 1), ["bad.toml", "subject", "control character"]),
+        (good.replacen("subject = \"", "subject = \"\u{1b}", 1), ["bad.toml", "line 9", "control character"]),
     ] {
         std::fs::write(path.join("bad.toml"), text).expect("written");
         fail(path, &format!("push bad.toml --tcp {address}"), 1, &words);

@@ -1,4 +1,5 @@
-//! The last stage of the import of a vendor's export, except pedar's: fills short gaps between frames, and checks the recording.
+//! The last stage of most imports: fills short gaps between frames, and checks the recording. The imports of pedar, CSV and
+//! `jiku-data` do not use it.
 
 use crate::check::{self, At};
 use crate::footprint::capitalised;
@@ -21,8 +22,8 @@ pub struct UncheckedRecording {
 }
 
 impl UncheckedRecording {
-    /// The recording, in which short gaps are filled; if there are longer gaps, only the longest part without one remains. A
-    /// sentence about filled and omitted frames is added to `remarks`.
+    /// The recording, with gaps treated as by [`gaps::fill`]: short ones are filled; if there are longer ones, only the longest
+    /// part without one remains. A sentence about filled and omitted frames is added to `remarks`.
     ///
     /// # Errors
     /// Fails if the frames or the cells violate a rule of recordings, or the frames do not fit into memory when gaps are filled.

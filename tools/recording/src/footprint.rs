@@ -24,8 +24,9 @@ const LEAST_ASYMMETRY: f64 = 0.05;
 const LEAST_EXTENT_MM: f64 = 80.0;
 /// Least total area of the cells under a whole foot, mm2. The number for an insole in cm2 is smaller.
 const LEAST_AREA_MM2: f64 = 250.0;
-/// Least plausible value of the largest force in a recording with a step, N. A child of 20 kg weighs 196 N. For an adult who
-/// walks, the number is smaller in N/cm2, and in PSI if the force is below about 1030 N.
+/// Least plausible value of the largest force in a recording with a step, N. A child of 20 kg weighs 196 N. If pressures in N/cm2
+/// were read as kPa, the force of a walking adult appears to be a tenth of its value, which is below this limit. With PSI, it
+/// appears to be a seventh, which is below this limit for forces up to about 1030 N.
 const LEAST_FORCE_N: f64 = 150.0;
 /// Largest force on a foot that walking and running lead to, N: three times the weight of a runner of 135 kg.
 const MOST_FORCE_N: f64 = 4000.0;
@@ -43,8 +44,8 @@ pub(crate) struct Footprint<'a> {
 }
 
 impl Footprint<'_> {
-    /// The foot, determined from the shape of its footprint; `None` if the shape does not show it. y must point to the toes, and
-    /// x to the right as seen from above.
+    /// The foot, determined from the distribution of its load; `None` if the distribution does not show it. y must point to the
+    /// toes, and x to the right as seen from above.
     pub fn side(&self) -> Option<Side> {
         let asymmetry = self.lateral_asymmetry().filter(|asymmetry| asymmetry.abs() > NO_ASYMMETRY)?;
         Some(if asymmetry < 0.0 { Side::Left } else { Side::Right })
@@ -139,9 +140,9 @@ impl Footprint<'_> {
     }
 }
 
-/// Warnings, each with a remedy, about a layout that seems to be in another unit, to have exchanged axes, or to be upside down or
-/// mirrored, of which only the first one that applies is reported; and about pressures that seem to be in another unit. Empty if
-/// none applies.
+/// Warnings, each with a remedy. At most one concerns the layout, the first of these that applies: it seems to be in another
+/// unit, to have exchanged axes, to be upside down or to be mirrored. Another one concerns pressures that seem to be in another
+/// unit, unless the layout seems to be. Empty if none applies.
 pub fn warnings(recording: &Recording) -> Vec<String> {
     let cells = &recording.layout.cells;
     let under_foot = vec![true; cells.len()];

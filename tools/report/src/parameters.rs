@@ -4,7 +4,7 @@ use crate::drawing::{self, Drawing};
 use crate::format::{NONE, number};
 use crate::intervals::{IntervalChart, Mark, Row, unfitted};
 use crate::region::{TITLES, fit_of, fitted};
-use fit::interval::{FIVE, Interval, RESAMPLED_STEPS};
+use fit::interval::{FIVE, Interval, MIN_BOOTSTRAP_STEPS};
 use fit::{Method, RegionFit, Study};
 use maud::{Markup, html};
 use plantar::pipeline::model::ForceLaw;
@@ -120,7 +120,8 @@ pub fn five(study: &Study) -> Markup {
         table.dense {
             caption {
                 "The five identifiable parameters: estimate (95 % confidence interval); * estimate at a bound of the search; \
-                 † not determined by the force: " (undetermined(study, "G")) ". Resampling requires at least " (RESAMPLED_STEPS) " steps."
+                 † not determined by the force: " (undetermined(study, "G")) ". Resampling requires at least "
+                (MIN_BOOTSTRAP_STEPS) " steps."
             }
             thead {
                 tr {

@@ -1,5 +1,5 @@
 //! Writes the example recording of the page, a computed walk of both feet: `cargo run -p serve --example computed_walk -- FILE`.
-//! With a number of steps after the file, the walk has this many steps of each foot instead of six.
+//! A second argument sets the number of steps of each foot, which is otherwise six.
 
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
@@ -74,7 +74,7 @@ fn messages(
     let mut codes = vec![0; virtual_insole.cells.len()];
     for frame in 0..virtual_insole.frames(&recording) {
         virtual_insole.codes_of(&recording, frame, &mut codes);
-        let toe_off = insole.frame(frame as u32, &codes);
+        let is_step_complete = insole.frame(frame as u32, &codes);
         let t_us = frame as u64 * u64::from(virtual_insole.setup.period_us);
         let t_ms = (t_us as f64 / 1e3 + lag_s * 1e3).round() as u32;
         if frame % TIME_FRAMES == 0 {
@@ -89,7 +89,7 @@ fn messages(
             let sequence = (frame / ELLIPSE_FRAMES) as u32;
             messages.push((t_ms, ToHost::Ellipses(Ellipses { sequence, t_us, regions })));
         }
-        if toe_off && let Some(step) = insole.whole_step() {
+        if is_step_complete && let Some(step) = insole.whole_step() {
             messages.push((t_ms, ToHost::Step(Step::new(&step))));
         }
         if let Some(bout) = insole.take_bout() {

@@ -40,7 +40,7 @@ struct Insole {
 }
 
 impl Insole {
-    /// Restarts the insole this number of times, so that it has no session, and plugs it in.
+    /// Ends the session of the insole, as after this number of restarts, and plugs it in. With 0, the insole has not restarted.
     fn restart(&mut self, boots: u32) {
         self.link = Session::new();
         self.boot += boots;
@@ -543,8 +543,10 @@ async fn a_page_cannot_change_the_settings_of_an_insole() {
     let address = serve(&[&cable], None);
     let mut page = Page::open(address).await;
     page.hello(0).await;
-    page.send(0, ToDevice::SetClock { unix_us: 1 }).await;
-    page.send(0, ToDevice::SetTissue(Tissue::NONE)).await;
+    // Both values are valid for an insole, and differ from its own.
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    page.send(0, ToDevice::SetClock { unix_us: 1_600_000_000_000_000 }).await;
+    page.send(0, ToDevice::SetTissue(tissue)).await;
     page.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
     cable.act(|insole| {
         assert_eq!(insole.link.tissue().id, Tissue::NONE.id);

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The target folder of the compiled part. It shares no libraries with the other host programs, which enable more features of
-/// them; with a folder of its own, it can be built at the same time.
+/// The target folder of the compiled part. The other host programs enable more features of its dependencies, so a common folder
+/// would save nothing. With a folder of its own, it can be built at the same time.
 const TARGET_FOLDER: &str = "package";
 
 /// Set once the package is built and installed.

@@ -99,7 +99,7 @@ test("the soles are drawn at most once with each frame of the screen, and not wh
   // The clock of the page is that of the test, so that a busy computer delays no frame of the recording.
   const start = new Date("2026-01-01T12:00:00Z");
   await page.clock.install({ time: start });
-  await page.clock.pauseAt(start);
+  await page.clock.pauseAt(new Date(start.getTime() + 60_000));
   await page.goto(replay);
   const has_load = () => page.evaluate(() => parseFloat(document.querySelector("#totals dd")?.textContent ?? "") > 100);
   while (!(await has_load())) await page.clock.runFor(100);
@@ -148,6 +148,20 @@ test("the soles are drawn at most once with each frame of the screen, and not wh
   expect(await drawings(300)).toEqual({ most: 1, soles: 2, changed: 300 });
   await show(page, "steps");
   expect(await drawings(60)).toEqual({ most: 0, soles: 0, changed: 0 });
+  await page.close();
+});
+
+test("in a frame of another page, no insole is connected", async () => {
+  const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
+  await page.evaluate((url) => {
+    const frame = document.createElement("iframe");
+    Object.assign(frame, { src: url, allow: "bluetooth", style: "position: fixed; inset: 0; width: 100%; height: 100%; z-index: 9" });
+    document.body.append(frame);
+  }, replay);
+  const frame = page.frameLocator("iframe");
+  await frame.locator("nav [data-to=settings]").click();
+  await frame.locator("#add").click();
+  await frame.locator("#notes", { hasText: "does not connect within another page" }).waitFor();
   await page.close();
 });
 

@@ -18,8 +18,8 @@ use std::path::Path;
 const EXTENSION: &str = "plantar";
 /// First bytes of a Parquet file, which is a recording of all cells whatever its name.
 const PARQUET: &[u8; 4] = b"PAR1";
-/// Second part of the error message about a damaged entry. It states that the file may not be a stream file at all.
-const NO_STREAM: &str = "or not a recorded stream: give a file that `plantar serve --record` or the page recorded, or a \
+/// Second part of the error message about a damaged entry before the first valid message: the file may be no stream file at all.
+const NOT_A_STREAM: &str = "or not a recorded stream: give a file that `plantar serve --record` or the page recorded, or a \
                              recording that `plantar import` wrote";
 
 /// The live stream of one insole.
@@ -144,7 +144,7 @@ impl<'f> Iterator for StreamMessages<'f> {
                 self.damage = Some(damage);
                 None
             }
-            Err(damage) => Some(Err(anyhow!("{damage}, {NO_STREAM}"))),
+            Err(damage) => Some(Err(anyhow!("{damage}, {NOT_A_STREAM}"))),
         }
     }
 }
@@ -195,7 +195,8 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
     let count = used.len();
     let sources: Vec<_> = used.into_iter().filter_map(|insole| insole.into_source(name)).collect();
     if sources.len() < count {
-        let problem = "live frames of an insole without its first message and without steps, so the foot is not known";
+        let problem = "the file has live frames of an insole, but neither the message that opens its session nor a step, \
+                       so the foot is not known";
         ensure!(
             !sources.is_empty(),
             "{name}: {problem}: record a walk of several steps from its beginning, or omit the file"

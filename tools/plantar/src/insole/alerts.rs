@@ -10,7 +10,8 @@ use plantar::pipeline::alert::{AlertRules, DailyLoad};
 
 #[derive(Args)]
 pub struct AlertArgs {
-    /// Raise alerts. Rules that were never set have their recommended values.
+    /// Raise alerts. If they were off, their number in a day becomes the recommended one, also if --per-day had set another one.
+    /// Other rules that were never set have their recommended values.
     #[arg(long, conflicts_with_all = ["off", "per_day"])]
     on: bool,
     /// Raise no alerts. The load is still counted.
@@ -73,8 +74,8 @@ impl AlertArgs {
         let rules = self.changed(before);
         ensure!(
             rules.is_valid(),
-            "rules out of range: pressures must be 1 to 2000 kPa, --ends above 0 and below --begins, at most 100 %, and \
-             --dose 0 to 1e7 kPa s"
+            "rules out of range: pressures must be 1 to 2000 kPa, --ends above 0 % and below --begins, --begins at most 100 %, \
+             and --dose 0 to 1e7 kPa s"
         );
         if rules != before {
             client.set_alert_rules(&rules)?;

@@ -29,8 +29,8 @@ const STEP_COLUMNS: [&str; 11] = [
     "contact_off_kpa",
     "contact_full_kpa",
 ];
-/// True if the start of the step is exact enough to compare the feet. Tables of earlier versions of this program do not have this
-/// column, so it is read from the tables that have it.
+/// The column that states whether the start of the step is exact enough to compare the feet. Tables of earlier versions of this
+/// program do not have it, so it is read only from the tables that have it.
 const IS_COMPARABLE: &str = "is_start_comparable";
 
 /// Reads the live frames and the steps in the folder; `None` if it has neither table. Fails if only one of the two is missing, or
