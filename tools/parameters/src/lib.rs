@@ -241,9 +241,6 @@ impl Parameters {
             )));
         }
         let file: File = toml::from_str(text).map_err(malformed)?;
-        if file.subject.contains(char::is_control) {
-            return Err(form("subject has a control character: remove it".into()));
-        }
         let wrong = |region: &str, problem: String| Error::Region { file: path.into(), region: region.into(), problem };
         if let Some((name, region)) = file.regions.iter().find(|(name, _)| Region::from_name(name).is_none()) {
             let line = line_of(text, region.span().start);
@@ -307,7 +304,9 @@ impl Parameters {
                     .into(),
             ));
         }
-        Ok(Self { subject: file.subject, personal: file.personal, identified, regions, deformation })
+        // The subject is printed.
+        let subject = file.subject.replace(char::is_control, " ");
+        Ok(Self { subject, personal: file.personal, identified, regions, deformation })
     }
 
     /// The regions with parameters that are typical values, or not known to be the wearer's.

@@ -316,7 +316,7 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
         fail(path, "fit walk.parquet --thickness bad.toml", &words);
     }
     let (status, _, err) = run(path, "fit walk.parquet --steps 4-2");
-    assert!(status == 2 && err.contains("N or N-M"), "{err}");
+    assert!(status == 2 && err.contains("a range N-M"), "{err}");
 }
 
 /// The recording of [`walk`] in `folder`.
