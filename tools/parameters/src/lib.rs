@@ -232,8 +232,7 @@ impl Parameters {
     /// As [`Parameters::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let form = |problem: String| Error::Form { file: path.into(), problem };
-        check_characters(text).map_err(form)?;
-        let malformed = |e: toml::de::Error| form(e.to_string().trim_end().into());
+        let malformed = |e: toml::de::Error| form(message(&e));
         let Version { version } = toml::from_str(text).map_err(malformed)?;
         if version != VERSION {
             return Err(form(format!(
@@ -434,16 +433,10 @@ impl Parameters {
     }
 }
 
-/// Checks that a file has no control characters except line ends and tabs: they would have an effect on the terminal that shows a
-/// part of the file in a message.
-///
-/// # Errors
-/// The problem with its line.
-pub(crate) fn check_characters(text: &str) -> Result<(), String> {
-    match text.find(|c: char| c.is_control() && !['\n', '\r', '\t'].contains(&c)) {
-        Some(at) => Err(format!("line {} has a control character: remove it", line_of(text, at))),
-        None => Ok(()),
-    }
+/// The message of a TOML error. It repeats texts of the file, in which blanks replace control characters other than line ends:
+/// they would have an effect on the terminal.
+pub(crate) fn message(e: &toml::de::Error) -> String {
+    e.to_string().trim_end().replace(|c: char| c.is_control() && c != '\n', " ")
 }
 
 /// The number, from 1, of the line that contains the byte at `offset`.

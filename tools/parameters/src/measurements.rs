@@ -1,6 +1,6 @@
 //! Measurements of the tissue of a person, by ultrasound, fluoroscopy or a foot scan.
 
-use crate::{Error, check_characters, line_of, region_names};
+use crate::{Error, line_of, message, region_names};
 use plantar::Region;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, MapAccess, Visitor};
@@ -81,9 +81,7 @@ impl TissueMeasurements {
     /// As [`TissueMeasurements::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let form = |problem: String| Error::Form { file: path.into(), problem };
-        check_characters(text).map_err(form)?;
-        let entries: BTreeMap<String, toml::Spanned<Entry>> =
-            toml::from_str(text).map_err(|e| form(e.to_string().trim_end().into()))?;
+        let entries: BTreeMap<String, toml::Spanned<Entry>> = toml::from_str(text).map_err(|e| form(message(&e)))?;
         let mut all = Self::default();
         for (name, entry) in entries {
             let Some(region) = Region::from_name(&name) else {

@@ -1,6 +1,6 @@
 //! Data of a participant of a study.
 
-use crate::{Error, InsoleSize, check_characters};
+use crate::{Error, InsoleSize, message};
 use serde::{Deserialize, Deserializer, de};
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -82,9 +82,8 @@ impl Participant {
     /// # Errors
     /// As [`Participant::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
-        let form = |problem: String| Error::Form { file: path.into(), problem };
-        check_characters(text).map_err(form)?;
-        let mut participant: Self = toml::from_str(text).map_err(|e| form(e.to_string().trim_end().into()))?;
+        let form = |e| Error::Form { file: path.into(), problem: message(&e) };
+        let mut participant: Self = toml::from_str(text).map_err(form)?;
         for file in [&mut participant.zero, &mut participant.tissue].into_iter().flatten() {
             *file = path.with_file_name(&file);
         }
@@ -148,7 +147,8 @@ fn sex<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Sex>, D::Error> {
 
 fn file<'de, D: Deserializer<'de>>(from: D) -> Result<Option<PathBuf>, D::Error> {
     let value = Value::deserialize(from)?;
-    let path = value.as_str().map(PathBuf::from);
+    // The path is printed in messages.
+    let path = value.as_str().filter(|path| !path.contains(char::is_control)).map(PathBuf::from);
     path.map(Some).ok_or_else(|| {
         let value = in_words(&value);
         de::Error::custom(format!("{value}: expected the path of a file, in quotation marks"))
@@ -200,6 +200,9 @@ mod tests {
             ("mass_kg = true", ["mass_kg = true", "10 to 300"]),
             ("sex = 1", ["sex = 1", "\"female\", \"male\" or \"other\""]),
             ("zero = 3", ["zero = 3", "3: expected the path of a file"]),
+            ("zero = '\u{1b}'", ["line 1", "zero"]),
+            ("zero = \"\\u001b\"", ["line 1", "\\u{1b}\": expected the path of a file"]),
+            ("\"\\u001b[2J\" = 1", ["line 1", "unknown field ` [2J`"]),
             ("thickness = [17]", ["thickness = [17]", "a list: expected the path of a file"]),
         ] {
             let message = parse(text).expect_err(text);

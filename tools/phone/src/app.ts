@@ -152,12 +152,12 @@ export class App {
   }
 
   /**
-   * True, with a message, in a frame of another page. There, this page has a store of its own, and steps that it acknowledges
+   * True if the page is in a frame of another page; then also shows a message. There, this page has a store of its own, and steps that it acknowledges
    * would be lost for the wearer.
    */
   private isFramed(): boolean {
     if (window.top === window) return false;
-    this.fail("This page does not connect within another page. Open it in a tab of its own.");
+    this.fail("This page does not connect to insoles while another page shows it in a frame. Open it in a tab of its own.");
     return true;
   }
 

@@ -67,8 +67,8 @@ pub struct Emulate {
     #[cfg(feature = "log")]
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// The firmware file of the emulated board, from `cargo xtask build`, which runs with your rights [default: that in the
-    /// repository of this program].
+    /// The firmware file of the emulated board, from `cargo xtask build`. QEMU lets the firmware read and write your files and
+    /// run programs: name only a file that you have built [default: the one in the repository of this program].
     #[arg(long, value_name = "FILE")]
     firmware: Option<PathBuf>,
 }
@@ -117,30 +117,28 @@ struct Outcome {
     status: Status,
 }
 
-/// The firmware of the emulated board in the repository of this program.
-pub fn find_firmware() -> PathBuf {
-    in_repository(Path::new(FIRMWARE), Path::is_file)
+/// The firmware file that the option --firmware names or, without it, that in the repository of this program.
+///
+/// # Errors
+/// See [`in_repository`].
+pub fn firmware(named: Option<&Path>) -> Result<PathBuf> {
+    named.map_or_else(|| in_repository(&std::env::current_exe()?, FIRMWARE, "--firmware"), |path| Ok(path.into()))
 }
 
-/// The first file or folder of this relative path for which `is_built` returns true, in the folders above this program, which is in
-/// the folder `target` of its repository; without one, a path beside the program. The current folder is not searched: it may
-/// contain files of someone else.
-pub fn in_repository(path: &Path, is_built: impl Fn(&Path) -> bool) -> PathBuf {
-    // If the system does not state the path of the program, no file is found in the root folder.
-    let program = std::env::current_exe().unwrap_or_else(|_| "/".into());
-    let candidates = || program.ancestors().skip(1).map(|folder| folder.join(path));
-    candidates()
-        .find(|candidate| is_built(candidate))
-        .or_else(|| candidates().next())
-        .unwrap_or_else(|| program.join(path))
+/// The path of a built file or folder in the repository of `program`, which is in the folder `target` of the repository. The
+/// current folder is not searched, because it may contain files of someone else. `option` is the option that names another path.
+///
+/// # Errors
+/// If the program is elsewhere.
+pub fn in_repository(program: &Path, path: &str, option: &str) -> Result<PathBuf> {
+    let targets = program.ancestors().filter(|folder| folder.file_name().is_some_and(|name| name == "target"));
+    let repository = targets.filter_map(Path::parent).find(|folder| folder.join("Cargo.lock").is_file());
+    let repository = repository
+        .with_context(|| format!("this program is not in the folder `target` of its repository: give {option}"))?;
+    Ok(repository.join(path))
 }
 
 impl Emulate {
-    /// The firmware that the options name, or that of the repository.
-    fn firmware(&self) -> PathBuf {
-        self.firmware.clone().unwrap_or_else(find_firmware)
-    }
-
     pub fn run(&self) -> Result<()> {
         self.check_files()?;
         let parameters = match self.identify {
@@ -167,7 +165,7 @@ impl Emulate {
             Speed::Real => Time::Real,
             Speed::Max => Time::Fastest,
         };
-        let board = Board::start(&self.firmware(), &config, &cells, time, walk)?;
+        let board = Board::start(&firmware(self.firmware.as_deref())?, &config, &cells, time, walk)?;
         let mut link = board.link()?;
         link.set_read_timeout(Some(READ_TIMEOUT))?;
         let result = self.walk(&board, link, &parameters, duration_s, scans);
@@ -180,7 +178,7 @@ impl Emulate {
     /// Checks that no output replaces an input or another output.
     fn check_files(&self) -> Result<()> {
         let mut read = self.insole.inputs(std::slice::from_ref(&self.recording));
-        read.push(self.firmware());
+        read.push(firmware(self.firmware.as_deref())?);
         let written = [
             self.json.as_deref(),
             #[cfg(feature = "log")]
@@ -271,7 +269,8 @@ impl Emulate {
     #[cfg(feature = "log")]
     fn write_log(&self, board: &Board) -> Result<()> {
         let Some(path) = &self.log else { return Ok(()) };
-        let lines: String = board.log(&self.firmware())?.iter().map(|entry| format!("{entry}\n")).collect();
+        let lines: String =
+            board.log(&firmware(self.firmware.as_deref())?)?.iter().map(|entry| format!("{entry}\n")).collect();
         crate::fit::write(path, lines.as_bytes())
     }
 
@@ -377,4 +376,26 @@ fn restart_message(event: &str, hello: &Hello) -> String {
          again",
         hello.reset.name()
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::in_repository;
+    use std::fs;
+
+    #[test]
+    fn only_the_repository_that_contains_the_program_is_searched() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let found = |program: &str| {
+            let found = in_repository(&folder.path().join(program), "target/firmware", "--firmware");
+            found.map_err(|error| error.to_string())
+        };
+        // A program that was copied to a folder below `target`, without the repository.
+        let copied = found("home/target/plantar").expect_err("no repository");
+        assert!(copied.contains("give --firmware"), "{copied}");
+        fs::create_dir(folder.path().join("home")).expect("a folder");
+        fs::write(folder.path().join("home/Cargo.lock"), "").expect("a file");
+        assert_eq!(found("home/target/release/plantar"), Ok(folder.path().join("home/target/firmware")));
+        assert!(found("home/bin/plantar").is_err(), "the program is not in `target`");
+    }
 }

@@ -1,7 +1,7 @@
 //! `plantar serve`: serves the page for a phone, with insoles that are connected to this computer.
 
 use crate::carrier::{Ports, open_error, open_serial, open_tcp};
-use crate::emulate::{EmulatedInsole, find_firmware, in_repository};
+use crate::emulate::{EmulatedInsole, firmware, in_repository};
 use crate::setup::InsoleArgs;
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -10,7 +10,7 @@ use emulation::EmulatorConfig;
 use emulator::{Board, Joined, Recorded, Time};
 use serve::{MAX_INSOLES, Options, Source};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -28,8 +28,8 @@ pub struct Serve {
     emulate: Vec<PathBuf>,
     #[command(flatten)]
     insole: InsoleArgs,
-    /// The firmware file of the emulated board, from `cargo xtask build`, which runs with your rights [default: that in the
-    /// repository of this program].
+    /// The firmware file of the emulated board, from `cargo xtask build`. QEMU lets the firmware read and write your files and
+    /// run programs: name only a file that you have built [default: the one in the repository of this program].
     #[arg(long, value_name = "FILE")]
     firmware: Option<PathBuf>,
     /// Write the hello messages (foot, board, firmware), live frames, steps, load bouts, alerts, counters and clock times of the
@@ -89,7 +89,6 @@ impl Serve {
         // An emulated board runs until it is dropped, so the boards are held until the program ends.
         let mut boards = Vec::new();
         let mut emulated = Vec::new();
-        let firmware = self.firmware.clone().unwrap_or_else(find_firmware);
         for path in &self.emulate {
             let parameters = self.insole.wearer.parameters()?;
             emulated.push((path, EmulatedInsole::new(path, &parameters, &self.insole)?, parameters));
@@ -102,7 +101,7 @@ impl Serve {
             let cells = insole.cells.clone();
             let period = Duration::from_micros(insole.setup.period_us.into());
             let walk = Joined::new(Recorded::new(recording, insole), period, repeated_after, start.clone());
-            let board = Board::start(&firmware, &config, &cells, Time::Real, walk)?;
+            let board = Board::start(&firmware(self.firmware.as_deref())?, &config, &cells, Time::Real, walk)?;
             let link = board.link()?;
             let mut source = source(path.display().to_string(), move || {
                 let mut link = link.try_clone()?;
@@ -113,9 +112,13 @@ impl Serve {
             sources.push(source);
             boards.push(board);
         }
+        let page = match &self.page {
+            Some(page) => page.clone(),
+            None => in_repository(&std::env::current_exe()?, PAGE, "--page")?,
+        };
         let options = Options {
             listen: SocketAddr::new(self.bind, self.port),
-            page: self.page.clone().unwrap_or_else(find_page),
+            page,
             origins: self.origin.clone(),
             accepts_parameters: self.accept_parameters,
             record: self.record.clone(),
@@ -140,9 +143,4 @@ fn place_of_page(address: SocketAddr) -> String {
 /// An insole for the page. `open` opens a carrier to it.
 fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn Carrier + Send>> + Send + 'static) -> Source {
     Source { name, open: Box::new(move || open().map_err(open_error)), tissue: None }
-}
-
-/// The folder of the built page in the repository of this program.
-fn find_page() -> PathBuf {
-    in_repository(Path::new(PAGE), |page| page.join("index.html").is_file())
 }

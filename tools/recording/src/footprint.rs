@@ -141,8 +141,8 @@ impl Footprint<'_> {
 }
 
 /// Warnings, each with a remedy. At most one concerns the layout, the first of these that applies: it seems to be in another
-/// unit, to have exchanged axes, to be upside down or to be mirrored. Another one concerns pressures that seem to be in another
-/// unit, unless the layout seems to be. Empty if none applies.
+/// unit, to have exchanged axes, to be upside down or to be mirrored. A second one concerns pressures that seem to be in another
+/// unit, unless the layout seems to be in another unit. Empty if none applies.
 pub fn warnings(recording: &Recording) -> Vec<String> {
     let cells = &recording.layout.cells;
     let under_foot = vec![true; cells.len()];

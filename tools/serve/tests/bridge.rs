@@ -545,6 +545,7 @@ async fn a_page_cannot_change_the_settings_of_an_insole() {
     page.hello(0).await;
     // Both values are valid for an insole, and differ from its own.
     let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    // The bridge ignores the first request, and refuses the second one.
     page.send(0, ToDevice::SetClock { unix_us: 1_600_000_000_000_000 }).await;
     page.send(0, ToDevice::SetTissue(tissue)).await;
     page.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;

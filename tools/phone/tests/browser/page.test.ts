@@ -161,7 +161,7 @@ test("in a frame of another page, no insole is connected", async () => {
   const frame = page.frameLocator("iframe");
   await frame.locator("nav [data-to=settings]").click();
   await frame.locator("#add").click();
-  await frame.locator("#notes", { hasText: "does not connect within another page" }).waitFor();
+  await frame.locator("#notes", { hasText: "while another page shows it in a frame" }).waitFor();
   await page.close();
 });
 
