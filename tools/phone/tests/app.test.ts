@@ -142,6 +142,8 @@ test("an insole that is connected while a recording is loading does not lose its
   const opened = vi.spyOn(DatabaseStorage, "open").mockResolvedValue(storage as unknown as DatabaseStorage);
   vi.stubGlobal("fetch", () => new Promise(() => undefined));
   vi.stubGlobal("location", { search: "?replay=slow.plantar" });
+  // The page is not in a frame.
+  vi.stubGlobal("window", { get top() { return this; } });
   const app = new App(wire);
   vi.spyOn(app as unknown as { listen(): void }, "listen").mockReturnValue();
   vi.spyOn(app["identify"], "load").mockResolvedValue();
