@@ -91,10 +91,10 @@ fn the_scale_of_a_deformation_is_read_back_from_a_file_and_assumed_otherwise() {
     assert!(error.contains("posterior_midfoot") && error.contains("guessed") && error.contains("measured"), "{error}");
 }
 
-/// The name needs escape sequences, and those of TOML differ from those of Rust. Control characters become blanks, because the
-/// name is printed.
+/// The subject needs escape sequences, and those of TOML differ from those of Rust. Control characters become blanks, because the
+/// subject is printed.
 #[test]
-fn any_name_is_read_back_from_a_file_with_blanks_for_control_characters() {
+fn any_subject_is_read_back_from_a_file_with_blanks_for_control_characters() {
     let subject = "\"a\\b\"\u{0}\n\u{85}\u{301}'\u{1f9b6}";
     let named = Parameters { subject: subject.into(), ..Parameters::typical(InsoleSize::default()) };
     assert_eq!(through_a_file(&named).subject, "\"a\\b\"   \u{301}'\u{1f9b6}");

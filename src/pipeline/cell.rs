@@ -121,8 +121,8 @@ fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16
 
 /// Converts the codes of a region's cells to pressures, sums their forces, and updates the contact area. `COVERED` states whether
 /// cells can be in contact in part. Returns the code of the *highest cell*, the one with the largest pressure, minus its code at
-/// zero pressure; 0 if no cell exceeds the code [`candidate`] of the previous frame. If [`Residual::may_exceed`] is true, another
-/// cell may be the highest one, and [`find_peak`] must be called.
+/// zero pressure; 0 if no cell exceeds [`candidate`] of the [`RegionFrame::peak_code`] of the previous frame. If
+/// [`Residual::may_exceed`] is true, another cell may be the highest one, and [`find_peak`] must be called.
 #[inline(always)]
 pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     curve: &Curve,

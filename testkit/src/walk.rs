@@ -1,5 +1,5 @@
-//! The wearer of a simulated insole: walks and other activities that a test starts, with sensor faults, and with incomplete
-//! frames, in which some rows of the matrix do not answer.
+//! The wearer of a simulated insole: walks and other activities that a test starts; also sensor faults, and incomplete frames, in
+//! which some rows of the matrix do not answer.
 
 use emulator::SensorFault;
 use plantar::Side;
@@ -100,7 +100,7 @@ struct Activity {
     frames: usize,
 }
 
-/// The wearer of one insole.
+/// The wearer of a simulated insole.
 pub struct Wearer {
     codes: Rc<Codes>,
     /// The latest activity.

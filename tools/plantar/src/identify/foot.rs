@@ -17,6 +17,7 @@ use plantar::protocol::{
 };
 use recording::{Recording, StandingTrial, StreamedCells, output};
 use std::io::Write as _;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -556,7 +557,7 @@ impl Trial {
     }
 
     fn evaluate(&self, name: &str, recording: &Recording) -> Result<StandingResult> {
-        let mut trial = StandingTrial::find(recording, name)?;
+        let trial = StandingTrial::find(recording, name)?;
         let frames = self.regular_frames(name)?;
         let lifted = || trial.lifted.iter().flat_map(|lifted| &frames[lifted.clone()]);
         let mut calibrations = Vec::new();
@@ -574,12 +575,12 @@ impl Trial {
             calibrations.push(CellCalibration { offset: offset_in_shoe(offset, calibrated), ..measured });
         }
         let corrected = self.recording(name, Some(&calibrations))?;
-        let mean_n = |frames: &mut dyn Iterator<Item = usize>| {
-            let (sum_n, count) = frames.fold((0.0, 0), |(sum_n, count), i| (sum_n + corrected.force_n(i), count + 1));
-            sum_n / f64::from(count)
+        let mean_n = |parts: &[Range<usize>]| {
+            let frames: usize = parts.iter().map(Range::len).sum();
+            parts.iter().cloned().flatten().map(|i| corrected.force_n(i)).sum::<f64>() / frames as f64
         };
-        let lifted_n = mean_n(&mut trial.lifted.into_iter().flatten());
-        Ok(StandingResult { cells: calibrations, standing_n: mean_n(&mut trial.standing) - lifted_n })
+        let standing_n = mean_n(&[trial.standing]) - mean_n(&trial.lifted);
+        Ok(StandingResult { cells: calibrations, standing_n })
     }
 }
 

@@ -10,8 +10,8 @@ use plantar::pipeline::alert::{AlertRules, DailyLoad};
 
 #[derive(Args)]
 pub struct AlertArgs {
-    /// Raise alerts. If they were off, their number in a day becomes the recommended one, also if --per-day had set another one.
-    /// Other rules that were never set have their recommended values.
+    /// Raise alerts. If alerts were off, the largest number in a day is set to the recommended value, even if --per-day had set
+    /// another one before. Other rules that were never set have their recommended values.
     #[arg(long, conflicts_with_all = ["off", "per_day"])]
     on: bool,
     /// Raise no alerts. The load is still counted.
