@@ -53,6 +53,8 @@ pub(super) struct Trial {
     /// Number of successive checks with progress up to now.
     healthy_checks: u16,
     is_confirmed_by_host: bool,
+    /// The image has passed before, but could not be confirmed.
+    has_passed: bool,
     /// The radio has answered on this board before, so it must make progress, too.
     needs_radio: bool,
     next_check: Instant,
@@ -66,6 +68,7 @@ impl Trial {
             checks: 0,
             healthy_checks: 0,
             is_confirmed_by_host: false,
+            has_passed: false,
             needs_radio,
             next_check: Instant::now() + PERIOD,
             previous_counts: heartbeats.counts(),
@@ -92,8 +95,10 @@ impl Trial {
         self.previous_counts = counts;
     }
 
-    /// Postpones the next check: the image has passed, but could not be confirmed, for example with a low supply.
+    /// Postpones the next check: the image has passed, but could not be confirmed, for example with a low supply. From now on it
+    /// does not fail any more.
     pub(super) fn retry_later(&mut self) {
+        self.has_passed = true;
         self.next_check = Instant::now() + RETRY;
     }
 
@@ -107,7 +112,7 @@ impl Trial {
         let needed = if self.is_confirmed_by_host { CHECKS } else { UNATTENDED_CHECKS };
         match self.checks {
             _ if self.healthy_checks >= needed => Verdict::Passed,
-            TRIAL_CHECKS.. => Verdict::Failed,
+            TRIAL_CHECKS.. if !self.has_passed => Verdict::Failed,
             _ => Verdict::Pending,
         }
     }

@@ -3,7 +3,7 @@
 //! All quantities are integrals of the largest cell pressure of a region:
 //!
 //! - the *dose*: the pressure above [`LoadLimits::dose_kpa`], integrated over time;
-//! - the cumulative squared pressure, which the heating of the tissue follows;
+//! - the cumulative squared pressure, to which the heat of a load cycle in a linear viscoelastic material is proportional;
 //! - the *sustained load*: a region comes under sustained load when its pressure was at or above [`LoadLimits::sustained_kpa`]
 //!   for [`LoadLimits::sustained_percent`] of the last [`LoadLimits::window_s`], and remains under it until this share falls
 //!   below [`LoadLimits::relieved_percent`]. The time before the first frame counts as unloaded.
@@ -35,9 +35,8 @@ pub struct LoadLimits {
 }
 
 impl LoadLimits {
-    /// The dose counts above 200 kPa, about the peak pressure in the shoes of people whose ulcers remained healed. Sustained load
-    /// begins when the pressure was at least a capillary pressure of 35 mmHg for 95 % of a quarter of an hour, and ends when it
-    /// was lower for more than three minutes of the last quarter of an hour.
+    /// The dose counts above 200 kPa. Sustained load begins when the pressure was at least 35 mmHg for 95 % of a quarter of an
+    /// hour, and ends when it was lower for more than three minutes of the last quarter of an hour. docs/alerts.md has the sources.
     pub const DEFAULT: Self =
         Self { dose_kpa: 200.0, sustained_kpa: 4.7, window_s: 900, sustained_percent: 95, relieved_percent: 80 };
 

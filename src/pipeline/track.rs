@@ -3,8 +3,9 @@
 //! The force law (Eq. 13, [`ForceLaw`]) is linear in the stiffness K and the damping G. After each step, both are the
 //! least-squares solution over the recent steps, in which a step counts less the longer ago it was: recursive least squares with
 //! exponential forgetting, in the form that stores the sums of the normal equations of the two unknowns. A B, n and m remain
-//! those of the identification. The forces of a step are divided by its peak force, as in the identification, so steps with high
-//! and low forces have the same weight.
+//! those of the identification. Unlike in the identification, the forces of a step are not divided by its peak force: in a step
+//! that hardly loads the region, as on stairs or in a turn, the law can be wrong by a factor, and such a step must not count as
+//! much as the others.
 
 use super::model::ForceLaw;
 use super::step::{RegionStep, StepSums};
@@ -24,19 +25,18 @@ const DAMPING_RANGE: [f64; 2] = [0.25, 4.0];
 const INDEPENDENT: f64 = 0.01;
 
 impl<R: Real> StepSums<R> {
-    /// The older sums times [`FORGETTING`], plus those of a new step divided by the square of its peak force `peak_n`. The forces
-    /// of the new step were computed with the identified K and G times `scale`.
-    fn with(self, new: &Self, scale: [R; 2], peak_n: R) -> Self {
+    /// The older sums times [`FORGETTING`], plus those of a new step. The forces of the new step were computed with the
+    /// identified K and G times `scale`.
+    fn with(self, new: &Self, scale: [R; 2]) -> Self {
         let forgetting = R::of(FORGETTING);
-        // The factors of the elastic, the viscous and the measured force of the new step.
-        let [e, v] = scale.map(|scale| R::ONE / (scale * peak_n));
-        let f = R::ONE / peak_n;
+        // The factors of the elastic and the viscous force of the new step.
+        let [e, v] = scale.map(|scale| R::ONE / scale);
         Self {
             ee: self.ee * forgetting + new.ee * e * e,
             ev: self.ev * forgetting + new.ev * e * v,
             vv: self.vv * forgetting + new.vv * v * v,
-            ef: self.ef * forgetting + new.ef * e * f,
-            vf: self.vf * forgetting + new.vf * v * f,
+            ef: self.ef * forgetting + new.ef * e,
+            vf: self.vf * forgetting + new.vf * v,
         }
     }
 
@@ -99,16 +99,16 @@ impl<R: Real> Tracker<R> {
     /// # Panics
     /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn adapt(&mut self, region: usize, law: &mut ForceLaw<R>, step: &RegionStep<R>, is_reliable: bool) -> R {
-        let (sums, peak_n) = (&step.sums, step.measured_peak_n);
+        let sums = &step.sums;
         let tracked = &mut self.regions[region];
         let [stiffness_pa, damping_pa_s] = tracked.identified;
         if stiffness_pa <= R::ZERO {
             return R::ZERO;
         }
-        if is_reliable && sums.ee > R::ZERO && peak_n > R::ZERO {
+        if is_reliable && sums.ee > R::ZERO {
             // Without damping, the viscous force is 0 with any factor.
             let damping = if damping_pa_s > R::ZERO { law.damping_pa_s / damping_pa_s } else { R::ONE };
-            tracked.sums = tracked.sums.with(sums, [law.stiffness_pa / stiffness_pa, damping], peak_n);
+            tracked.sums = tracked.sums.with(sums, [law.stiffness_pa / stiffness_pa, damping]);
             tracked.steps = tracked.steps.saturating_add(1).min(FIRST_STEPS);
             if tracked.steps == FIRST_STEPS {
                 let [stiffness, damping] = tracked.sums.solve();

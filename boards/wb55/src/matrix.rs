@@ -1,9 +1,9 @@
 //! The resistive matrix: a row at ground through its transistor, all columns through ADC1 into memory by DMA.
 //!
 //! Time of a row at 64 MHz (`docs/hardware.md`): 37 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
-//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.43 ms; with the first conversion, which is
-//! discarded, a scan takes 2.45 ms. At 400 Hz, a frame has 2.5 ms. After a longer scan, the next scan starts late, and a frame
-//! time that has passed by then counts as missed. At 400 Hz the next scan starts late every ten seconds, after the measurement of
+//! conversions, and an allowance of 35 us for set-up and wake-ups. 16 rows take 2.75 ms; with the first conversion, which is
+//! discarded, a scan takes 2.79 ms. Above 333 Hz it does not fit into a frame: the next scan starts late, and a frame time that
+//! has passed by then counts as missed. Near 333 Hz the next scan can also start late every ten seconds, after the measurement of
 //! the supply.
 //!
 //! Between scans no row is connected and, at frame rates that leave the time for it, the front end has no supply.
@@ -32,7 +32,7 @@ const SETTLE: Duration = Duration::from_micros(front_end::SETTLE_US as u64);
 /// simulated front end.
 const FRONT_END_START: Duration = Duration::from_micros(front_end::START_US as u64);
 /// Shortest time between frames at which the front end is switched off between scans, us. A scan with the start of the front end
-/// takes 2.95 ms.
+/// takes 3.3 ms.
 const SWITCHING_PERIOD_US: u32 = 4_000;
 
 /// Sampling time of a conversion: four time constants of the 150 ohm and 330 pF at each input. Only the first of 16 conversions

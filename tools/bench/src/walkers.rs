@@ -142,7 +142,8 @@ fn repeatability(studies: &[Study], figures: &mut Figures) -> Result<()> {
     let halves = |study: &Study| {
         let (first, second) = study.steps.split_at(study.steps.len() / 2);
         // All steps of the data set are imported as right feet.
-        [first, second].map(|steps| Trial::of(String::new(), Side::Right, &fit::fit(steps, &study.options, &|_| ())))
+        [first, second]
+            .map(|steps| Trial::of(String::new(), Side::Right, steps, &fit::fit(steps, &study.options, &|_| ())))
     };
     let trials: Vec<_> = studies.par_iter().map(halves).collect();
     let people: Vec<(&str, &[Trial])> = trials.iter().map(|trials| ("a walker", &trials[..])).collect();

@@ -1,7 +1,7 @@
 //! Alerts and the load of a day in words and as JSON.
 
 use plantar::Region;
-use plantar::pipeline::alert::DailyLoad;
+use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::protocol::Alert;
 use serde_json::{Map, Value, json};
 
@@ -34,7 +34,17 @@ fn titles(bits: u8) -> String {
     }
 }
 
-/// The advice to the wearer in sentences: what to do, and why.
+/// Whole minutes without load after which a region no longer counts as under sustained load, however long it was loaded before:
+/// the share of a window of `window_s` then falls below that of the recommended rules. An alert does not contain another share
+/// that a host may have set.
+fn relief_min(window_s: u16) -> u32 {
+    let unloaded_percent = 100 - u32::from(AlertRules::RECOMMENDED.limits.relieved_percent);
+    // The share must fall below the limit, so a time that is just at the limit does not suffice.
+    u32::from(window_s) * unloaded_percent / (100 * 60) + 1
+}
+
+/// The advice to the wearer in sentences: what to do, and why. Shifting the weight is no remedy: the foot still carries more than
+/// the pressure of sustained load, and the other foot carries more.
 pub fn alert_advice(alert: &Alert) -> String {
     let side = alert.side.name();
     let mut sentences = Vec::new();
@@ -43,9 +53,12 @@ pub fn alert_advice(alert: &Alert) -> String {
             (2.., 0) => format!("{} minutes", alert.window_s / 60),
             _ => format!("{} seconds", alert.window_s),
         };
+        let relief = match relief_min(alert.window_s) {
+            1 => "1 minute".into(),
+            minutes => format!("{minutes} minutes"),
+        };
         sentences.push(format!(
-            "Unload your {side} foot: sit down and lift it, or shift your weight. It carried load here for most of the last \
-             {window}: {}.",
+            "Sit, and hold your {side} foot off the floor for {relief}. It carried load here for most of the last {window}: {}.",
             titles(alert.sustained)
         ));
     }
@@ -117,11 +130,27 @@ mod tests {
         let alert = Alert::new(&record);
         assert_eq!(
             alert_advice(&alert),
-            "Unload your left foot: sit down and lift it, or shift your weight. It carried load here for most of the last 15 \
-             minutes: heel, inner ball and big toe. Spare your left foot for the rest of the day. It has reached the day's limit \
-             of high pressure here: heel."
+            "Sit, and hold your left foot off the floor for 4 minutes. It carried load here for most of the last 15 minutes: \
+             heel, inner ball and big toe. Spare your left foot for the rest of the day. It has reached the day's limit of high \
+             pressure here: heel."
         );
         let json = alert_to_json(&alert);
         assert_eq!((&json["start_s"], &json["dose"], &json["today"]), (&json!(900.0), &json!(["heel"]), &json!(2)));
+    }
+
+    /// The window is filled with load when the foot is lifted. The advice is the smallest number of whole minutes after which the
+    /// loaded share of the window is below the limit.
+    #[test]
+    fn the_advised_time_is_the_shortest_that_relieves_a_region_by_the_recommended_rules() {
+        let limits = AlertRules::RECOMMENDED.limits;
+        assert_eq!(relief_min(limits.window_s), 4);
+        for window_s in (60..=3600_u16).step_by(60) {
+            let is_relieved = |minutes: &u32| {
+                let loaded_s = u32::from(window_s).saturating_sub(60 * minutes);
+                f64::from(loaded_s) / f64::from(window_s) < f64::from(limits.relieved_percent) / 100.0
+            };
+            let shortest = (1..).find(is_relieved).expect("a window without load");
+            assert_eq!(relief_min(window_s), shortest, "{window_s} s");
+        }
     }
 }

@@ -3,8 +3,8 @@
 //! The two feet are evaluated separately: the feet of a person are not independent, and their difference is not a measurement
 //! error.
 
-use crate::repeat::{Repeatability, within_person};
-use crate::trials::{Moments, Trial, Values};
+use crate::repeat::{Repeatability, mdc_confidence, within_person};
+use crate::trials::{Moments, Trial};
 use crate::variable::Variable;
 use plantar::Side;
 
@@ -46,7 +46,7 @@ pub struct Agreement {
     pub icc: Option<f64>,
     /// Standard error of measurement, in the unit of the variable.
     pub sem: f64,
-    /// Minimal detectable change with 95 % confidence, in the unit of the variable.
+    /// Minimal detectable change, 1.96 sqrt(2) SEM, in the unit of the variable; see [`FootRepeatability::mdc_note`].
     pub mdc: f64,
 }
 
@@ -100,7 +100,7 @@ pub fn repeatability(people: &[(&str, &[Trial])], least_people: usize) -> (Vec<F
         let mut repeated: Vec<(&str, Vec<&Trial>)> = Vec::new();
         for (name, trials) in people {
             // A trial in which no region could be fitted would exclude the person from the comparison of every region.
-            let is_usable = |trial: &&Trial| trial.side == side && trial.regions.iter().any(Option::is_some);
+            let is_usable = |trial: &&Trial| trial.side == side && trial.is_fitted();
             let of_foot: Vec<&Trial> = trials.iter().filter(is_usable).collect();
             match of_foot.len() {
                 0 => (),
@@ -144,13 +144,10 @@ impl FootRepeatability {
         let counts = || people.iter().map(|(_, trials)| trials.len());
         let trials = counts().min().unwrap_or(0);
         let row = |variable: Variable| {
-            let value = |trial: &&Trial, region: usize| -> Option<f64> {
-                let values: &Values = trial.regions[region].as_ref()?;
-                values[variable.index()]
-            };
+            let index = variable.index();
             let of_region = |region: usize| {
                 let person = |(_, all): &(&str, Vec<&Trial>)| -> Option<Vec<f64>> {
-                    all.iter().take(trials).map(|trial| value(trial, region)).collect()
+                    all.iter().take(trials).map(|trial| trial.regions[region][index]).collect()
                 };
                 Agreement::of(&people.iter().filter_map(person).collect::<Vec<_>>(), people.len() == 1)
             };
@@ -163,6 +160,17 @@ impl FootRepeatability {
             most_trials: counts().max().unwrap_or(0),
             rows: Variable::repeated().map(row).collect(),
         }
+    }
+
+    /// A sentence on the confidence of the minimal detectable change, which is less than 95 % for few people and trials.
+    pub fn mdc_note(&self) -> String {
+        let (people, trials) = (self.people.len(), self.trials);
+        let people = if people == 1 { "one person".into() } else { format!("{people} people") };
+        let percent = mdc_confidence(self.people.len(), trials).map_or(f64::NAN, |confidence| confidence * 100.0);
+        format!(
+            "With {trials} trials of {people}, {percent:.0} % of the differences between trials of an unchanged person are within \
+             the MDC."
+        )
     }
 
     /// A sentence on the number of trials that are compared.
@@ -192,8 +200,8 @@ mod tests {
 
     /// A trial in which only the heel was fitted, and each of its variables has `value`.
     fn trial(side: Side, value: f64) -> Trial {
-        let mut regions: [Option<Values>; 8] = Default::default();
-        regions[Region::Heel as usize] = Some(Variable::all().map(|_| Some(value)).collect());
+        let of_region = |region| Variable::all().map(|_| (region == Region::Heel as usize).then_some(value)).collect();
+        let regions = std::array::from_fn(of_region);
         Trial { name: String::new(), side, regions }
     }
 
@@ -315,7 +323,7 @@ print((r - e) / (r + (k - 1) * e + k / n * (c - e)), np.sqrt(e + (c - e) / n))
         for (people, trials, within) in [(2, 2, 0.5), (5, 3, 3.0), (12, 4, 1.0), (30, 2, 9.0)] {
             let cohort = cohort(people, trials, 3.0, within, &mut random);
             let found = heel(&feet(&cohort, 2).0[0]);
-            let value = |trial: &Trial| trial.regions[0].as_ref().map_or(f64::NAN, |v| v[0].unwrap_or(f64::NAN));
+            let value = |trial: &Trial| trial.regions[0][0].unwrap_or(f64::NAN);
             let lines: Vec<String> = cohort
                 .iter()
                 .map(|row| row.iter().map(|t| value(t).to_string()).collect::<Vec<_>>().join(" "))

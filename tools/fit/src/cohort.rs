@@ -1,7 +1,7 @@
 //! The people of a cohort, and means as in the paper: over the steps of each trial, over the trials of both feet, then over the
 //! people of each pair of insole sizes.
 
-use crate::trials::{Moments, Trial, Values, means};
+use crate::trials::{Moments, Trial, Values, is_fitted, means};
 use crate::variable::Variable;
 use parameters::{Participant, Sex};
 use std::collections::BTreeMap;
@@ -22,9 +22,9 @@ pub struct Person {
 }
 
 impl Person {
-    /// The means over the trials of both feet; `None` if the region was fitted in no trial.
-    pub fn region(&self, region: usize) -> Option<Values> {
-        means(self.trials.iter().filter_map(|trial| trial.regions[region].as_ref()))
+    /// The means over the trials of both feet.
+    pub fn region(&self, region: usize) -> Values {
+        means(self.trials.iter().map(|trial| &trial.regions[region]))
     }
 }
 
@@ -35,8 +35,8 @@ pub struct SizeGroup<'p> {
     pub smaller_eur: u8,
     /// The people.
     pub people: Vec<&'p Person>,
-    /// The means of each person, by region; `None` if the region was not fitted.
-    means: Vec<[Option<Values>; 8]>,
+    /// The means of each person, by region.
+    means: Vec<[Values; 8]>,
 }
 
 impl<'p> SizeGroup<'p> {
@@ -74,13 +74,13 @@ impl<'p> SizeGroup<'p> {
 
     /// Number of people of whom a region was fitted.
     pub fn fitted(&self, region: usize) -> usize {
-        self.means.iter().filter(|person| person[region].is_some()).count()
+        self.means.iter().filter(|person| is_fitted(&person[region])).count()
     }
 
     /// Mean and standard deviation of a variable in a region over the people; `None` if nobody has a value.
     pub fn moments(&self, region: usize, variable: Variable) -> Option<Moments> {
         let i = variable.index();
-        Moments::of(self.means.iter().filter_map(|person| person[region].as_ref()?[i]))
+        Moments::of(self.means.iter().filter_map(|person| person[region][i]))
     }
 
     /// The number of people with a value as an addition to `moments`, such as ` (3)`; empty if all people of the group have one.

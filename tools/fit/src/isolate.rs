@@ -1,11 +1,12 @@
 //! Extraction of the steps of a recording by the code of the insole. Contacts that are not complete steps are excluded and listed
 //! with the reason.
 
-use crate::steps::{ExcludedContact, ExclusionReason, FootEllipse, FrameLoads, exclude_partial, frame_curves, peak_n};
+use crate::contacts::Contacts;
+use crate::steps::{ExcludedContact, FootEllipse, FrameLoads, exclude_partial, frame_curves, peak_n};
 use crate::{RegionCurves, Step};
 use plantar::insole::Insole;
 use plantar::pipeline::setup::SetupError;
-use plantar::pipeline::stance_rule::Rejected;
+use plantar::protocol;
 use recording::{MAX_CELLS, Scans, VirtualInsole};
 
 /// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording, and `scans` are its
@@ -22,8 +23,7 @@ pub fn isolate(
     let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
     device.set_up(insole.setup, insole.cells.iter().copied())?;
     let (mut steps, mut excluded) = (Vec::new(), Vec::new());
-    let mut contact = Contact::default();
-    let (mut rejected, mut starts_loaded) = (device.rejected(), false);
+    let (mut contacts, mut frames) = (Contacts::default(), Vec::<FrameLoads>::new());
     let period_s = f64::from(insole.setup.period_us) * 1e-6;
     let mut first_s = 0.0;
     let longest_frames = insole.longest_step_frames();
@@ -35,31 +35,23 @@ pub fn isolate(
         if i == 0 {
             first_s = scan.t_s.unwrap_or(0.0);
         }
+        let t_s = scan.t_s.unwrap_or(first_s + i as f64 * period_s);
         let was_on_ground = device.on_ground();
         let toe_off = device.frame(i as u32, scan.codes);
         if device.on_ground() && !was_on_ground {
-            contact.frames.clear();
-            contact.is_excluded = false;
-            contact.start_s = scan.t_s.unwrap_or(first_s + i as f64 * period_s);
-            starts_loaded = i == 0;
+            frames.clear();
         }
         // The insole rejects a contact that is longer than the longest step, so further frames of it are not needed.
-        if device.on_ground() && contact.frames.len() <= longest_frames {
-            contact.push(&device);
+        if device.on_ground() && frames.len() <= longest_frames {
+            frames.push(loads(&device));
         }
-        let mut exclude = |reason, at_s| excluded.push(ExcludedContact { recording: index, at_s, reason });
-        if let Some(reason) = new_rejection(&rejected, &device.rejected()) {
-            exclude(reason, contact.start_s);
-            contact.is_excluded = true;
-        }
-        rejected = device.rejected();
-        if was_on_ground && !device.on_ground() && !toe_off && starts_loaded {
-            exclude(ExclusionReason::NoHeelStrike, first_s);
-            starts_loaded = false;
+        if let Some(reason) = contacts.frame(t_s, toe_off, &device) {
+            excluded.push(ExcludedContact { recording: index, at_s: contacts.start_s(), reason });
         }
         if toe_off && let Some(record) = device.whole_step() {
-            let frames = (record.duration_us / insole.setup.period_us) as usize;
-            let frames = &contact.frames[..frames.min(contact.frames.len())];
+            let count = (record.duration_us / insole.setup.period_us) as usize;
+            let frames = &frames[..count.min(frames.len())];
+            let message = protocol::Step::new(&record);
             let regions = std::array::from_fn(|region| {
                 let curves = frame_curves(frames, region, period_s);
                 let (area_mm2, force_n, sample_s) = device.curves(region);
@@ -68,8 +60,8 @@ pub fn isolate(
                     force_n: force_n.to_vec(),
                     sample_s,
                     saturated: record.saturated >> region & 1 == 1,
-                    masked_cells: record.regions[region].masked_cells,
                     has_single_cell: cells[region] == 1,
+                    record: message.regions[region],
                     ..curves
                 }
             });
@@ -77,7 +69,7 @@ pub fn isolate(
                 recording: index,
                 number: record.step,
                 side: record.side,
-                start_s: contact.start_s,
+                start_s: contacts.start_s(),
                 duration_s: f64::from(record.duration_us) * 1e-6,
                 peak_n: peak_n(frames),
                 regions,
@@ -90,10 +82,8 @@ pub fn isolate(
             progress(i);
         }
     }
-    // A contact that is longer than the longest step was already excluded.
-    if device.on_ground() && !contact.is_excluded {
-        let reason = if starts_loaded { ExclusionReason::NeverLifted } else { ExclusionReason::NoToeOff };
-        excluded.push(ExcludedContact { recording: index, at_s: contact.start_s, reason });
+    if let Some(reason) = contacts.end(&device) {
+        excluded.push(ExcludedContact { recording: index, at_s: contacts.start_s(), reason });
     }
     exclude_partial(&mut steps, &mut excluded);
     Ok((steps, excluded))
@@ -110,42 +100,17 @@ pub enum IsolateError {
     Recording(#[from] recording::Error),
 }
 
-/// The reason if the insole rejected a contact between the counts `before` and `now`; otherwise `None`.
-fn new_rejection(before: &Rejected, now: &Rejected) -> Option<ExclusionReason> {
-    if now.short != before.short {
-        Some(ExclusionReason::Short)
-    } else if now.long != before.long {
-        Some(ExclusionReason::Long)
-    } else if now.broken != before.broken {
-        Some(ExclusionReason::Broken)
-    } else {
-        None
-    }
-}
-
-/// The frames of the current contact.
-#[derive(Default)]
-struct Contact {
-    /// Time of the first frame of the contact, s, on the clock of the recording.
-    start_s: f64,
-    frames: Vec<FrameLoads>,
-    /// True if the insole rejected the contact, which was then excluded.
-    is_excluded: bool,
-}
-
-impl Contact {
-    /// Adds the frame that `insole` processed last.
-    fn push(&mut self, insole: &Insole<f64, MAX_CELLS>) {
-        self.frames.push(std::array::from_fn(|region| {
-            let frame = &insole.loads()[region].frame;
-            let ellipse = insole.ellipse(region).map(|e| FootEllipse {
-                x_mm: e.x_mm,
-                y_mm: e.y_mm,
-                r_a_mm: e.r_a_mm,
-                r_b_mm: e.r_b_mm,
-                angle_deg: f64::from(e.angle_deg()),
-            });
-            (frame.area.area_mm2(), frame.force.force_n, ellipse)
-        }));
-    }
+/// The loads of the frame that `insole` processed last.
+fn loads(insole: &Insole<f64, MAX_CELLS>) -> FrameLoads {
+    std::array::from_fn(|region| {
+        let frame = &insole.loads()[region].frame;
+        let ellipse = insole.ellipse(region).map(|e| FootEllipse {
+            x_mm: e.x_mm,
+            y_mm: e.y_mm,
+            r_a_mm: e.r_a_mm,
+            r_b_mm: e.r_b_mm,
+            angle_deg: f64::from(e.angle_deg()),
+        });
+        (frame.area.area_mm2(), frame.force.force_n, ellipse)
+    })
 }

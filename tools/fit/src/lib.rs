@@ -16,6 +16,8 @@ pub mod agreement;
 #[cfg(feature = "results")]
 pub mod cohort;
 pub mod compare;
+#[cfg(feature = "recordings")]
+pub mod contacts;
 pub mod identify;
 pub mod interval;
 pub mod law;

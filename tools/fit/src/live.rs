@@ -266,7 +266,7 @@ impl LiveSteps {
                 force_n: stored(&curves.frame_force_n),
                 sample_s: frame_s * stride as f64,
                 saturated: step.saturated >> region & 1 == 1,
-                masked_cells: step.regions[region].masked_cells,
+                record: step.regions[region],
                 ellipse,
                 ellipse_ratio: ellipse.zip(peak_area_mm2).map(|(ellipse, mm2)| ellipse.area_mm2() / mm2),
                 ..curves

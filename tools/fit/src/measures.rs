@@ -346,12 +346,13 @@ fn inverse(function: &dyn Fn(f64) -> f64, value: f64) -> Option<f64> {
     Some(high)
 }
 
-/// The energies of the measured force over the deformation of a force law, with the interval of the mean over the steps.
-pub(crate) fn energies(curves: &[&RegionCurves], filter: Filter, law: &ForceLaw<f64>) -> Vec<Measure> {
+/// The energies of the measured force over the deformation of a force law, with the interval of the mean over the steps. The
+/// areas are not filtered: the delay of a filter between deformation and force would look like a loss of energy.
+pub(crate) fn energies(curves: &[&RegionCurves], law: &ForceLaw<f64>) -> Vec<Measure> {
     let steps: Vec<[f64; 2]> = curves
         .iter()
         .map(|curves| {
-            let samples = Samples::new([*curves], filter);
+            let samples = Samples::new([*curves], Filter::Direct);
             let deformation_m: Vec<f64> = samples.deformation(law).map(|(g, _)| law.c_m * g).collect();
             work_mj(&deformation_m, &samples.force_n)
         })

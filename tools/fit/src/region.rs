@@ -110,7 +110,7 @@ fn fit_step(
     let quality = Quality::new(&one, &one, &[]);
     let covariance = best.covariance();
     let uncertainty = best.uncertainty(covariance.as_ref());
-    let measures = best.measures(&[curves], &fixed, covariance.as_ref(), &[], options);
+    let measures = best.measures(&[curves], &fixed, covariance.as_ref(), &[]);
     let mut fit = best.into_fit(used, fixed, uncertainty, measures, quality)?;
     fit.ellipse_misfit = steps::ellipse_misfit([curves]);
     fit.defects.extend(contradiction.map(|contradiction| contradiction.to_string()));
@@ -148,7 +148,7 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
         let five = |Resample { law, .. }: &Resample| [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
         interval::add_bootstrap(uncertainty, &resampled.iter().map(five).collect::<Vec<_>>());
     }
-    let measures = best.measures(curves, &fixed, covariance.as_ref(), &resampled, options);
+    let measures = best.measures(curves, &fixed, covariance.as_ref(), &resampled);
     let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
     let some = spread(curves);
@@ -385,7 +385,6 @@ impl SearchResult {
         fixed: &FixedParameters,
         covariance: Option<&Matrix5<f64>>,
         resampled: &[Resample],
-        options: &Options,
     ) -> Vec<Measure> {
         let steps = self.peaks();
         let basis = self.basis(&steps, fixed);
@@ -396,7 +395,7 @@ impl SearchResult {
             _ => basis.values(&self.law),
         };
         let law = self.law_with_c(fixed);
-        measures.extend(measures::energies(curves, options.filter, &law));
+        measures.extend(measures::energies(curves, &law));
         measures
     }
 

@@ -3,6 +3,8 @@
 //! "Shrout and Fleiss" is Psychol. Bull. 86 (1979) 420-428; "McGraw and Wong" is Psychol. Methods 1 (1996) 30-46; "Weir" is J.
 //! Strength Cond. Res. 19 (2005) 231-240.
 
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
 /// Repeatability of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Repeatability {
@@ -14,8 +16,8 @@ pub struct Repeatability {
     /// denominator of the ICC (McGraw and Wong), so that ICC = P / (P + SEM^2), where P is the variance between people. The
     /// estimate of the variance of the recordings may be negative; the sum is not.
     pub sem: f64,
-    /// Minimal detectable change with 95 % confidence, in the unit of the quantity: two recordings that differ by less may be of
-    /// an unchanged person (Weir).
+    /// Minimal detectable change, 1.96 sqrt(2) SEM, in the unit of the quantity: two recordings that differ by less may be of an
+    /// unchanged person (Weir). The confidence is 95 % for many people, and [`mdc_confidence`] for few.
     pub mdc: f64,
 }
 
@@ -48,9 +50,21 @@ impl Repeatability {
     }
 }
 
+/// The factor of [`mdc`]: the quantile of the normal distribution.
+const MDC_FACTOR: f64 = 1.96;
+
 /// The minimal detectable change that follows from a standard error of measurement.
 fn mdc(sem: f64) -> f64 {
-    1.96 * 2f64.sqrt() * sem
+    MDC_FACTOR * 2f64.sqrt() * sem
+}
+
+/// The share of the differences between two recordings of an unchanged person that are within the minimal detectable change,
+/// which was computed from `people` people with `recordings` recordings each. It follows from the t distribution, because the
+/// standard error of measurement has `people` times (`recordings` - 1) degrees of freedom. `None` for less than one degree.
+pub fn mdc_confidence(people: usize, recordings: usize) -> Option<f64> {
+    let freedom = people * recordings.saturating_sub(1);
+    let t = StudentsT::new(0.0, 1.0, freedom as f64).ok()?;
+    Some(2.0 * t.cdf(MDC_FACTOR) - 1.0)
 }
 
 /// Standard error of measurement and minimal detectable change from the variation within people alone, for which one person
@@ -97,6 +111,18 @@ mod tests {
         // The standard deviations of the three people about their means have the squares 0.5, 0.5 and 2, with the mean 1.
         let (sem, _) = within_person(&rows).expect("people");
         assert!((found.sem - sem).abs() < 1e-12, "{sem}");
+    }
+
+    /// With one degree of freedom, the t distribution is that of Cauchy, of which the distribution function is known; with very
+    /// many, it is the normal distribution.
+    #[test]
+    fn the_confidence_of_the_mdc_is_95_percent_only_for_many_people() {
+        let cauchy = 2.0 / std::f64::consts::PI * 1.96_f64.atan();
+        assert!((mdc_confidence(1, 2).expect("one degree of freedom") - cauchy).abs() < 1e-9);
+        assert!((mdc_confidence(50_000, 3).expect("many degrees") - 0.95).abs() < 1e-4);
+        // Tables of the t distribution: with 10 degrees of freedom, 90 % are within 1.812, and 95 % within 2.228.
+        assert!((0.90..0.95).contains(&mdc_confidence(5, 3).expect("ten degrees")));
+        assert_eq!([mdc_confidence(0, 3), mdc_confidence(3, 1)], [None; 2]);
     }
 
     #[test]

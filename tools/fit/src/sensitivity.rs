@@ -64,7 +64,7 @@ impl fmt::Display for Choice {
             Self::AreaScale(rule) => write!(f, "area: whole cell from {} kPa", rule.full_kpa),
             Self::Filter(filter) => write!(f, "filter {}", filter.name()),
             Self::LeftOut(group) => {
-                write!(f, "without every fourth of the used steps, from the {} on", ORDINALS[*group])
+                write!(f, "without every fourth of the steps, from the {} on", ORDINALS[*group])
             }
         }
     }
@@ -213,5 +213,5 @@ fn main_results(steps: &[Step], region: usize, options: &Options) -> Option<Main
     let (fixed, _) = best.fixed_parameters(&curves, region, options);
     let errors = cross_validate(&curves, &best, region, options);
     let predicted = (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64);
-    Some(MainResults::new(&best.measures(&curves, &fixed, best.covariance().as_ref(), &[], options), predicted))
+    Some(MainResults::new(&best.measures(&curves, &fixed, best.covariance().as_ref(), &[]), predicted))
 }

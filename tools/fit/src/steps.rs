@@ -6,6 +6,7 @@ pub use crate::isolate::{IsolateError, isolate};
 
 use crate::quality::largest;
 use plantar::Side;
+use plantar::protocol::StepRegion;
 use std::fmt;
 
 /// A filter of the contact area before the model.
@@ -49,8 +50,6 @@ pub struct RegionCurves {
     pub frame_s: f64,
     /// True if a cell of the region was saturated.
     pub saturated: bool,
-    /// Number of faulty cells of the region, of which the insole has replaced the readings.
-    pub masked_cells: u8,
     /// True if the region has a single cell: its area then follows from its force by the contact rule.
     pub has_single_cell: bool,
     /// Mean contact ellipse over the stance, weighted by force; for a live stream, the contact ellipse at the peak force.
@@ -59,6 +58,9 @@ pub struct RegionCurves {
     /// Area of the contact ellipse divided by the contact area, mean over the stance, weighted by force; for a live stream, the
     /// value at the peak force. `None` without contact.
     pub ellipse_ratio: Option<f64>,
+    /// The record of the region in the resolution of messages. Only its measured values are used: those of the model are of the
+    /// parameters that the insole has.
+    pub record: StepRegion,
 }
 
 /// A contact ellipse in foot coordinates.
@@ -189,6 +191,13 @@ pub enum ExclusionReason {
     BeforeStream,
     /// The foot was loaded only partially. The value is the peak force divided by the median peak force of the recording.
     Partial(f64),
+}
+
+impl ExclusionReason {
+    /// True if the beginning or the end of the recording cuts the contact off.
+    pub fn is_cut_off(&self) -> bool {
+        matches!(self, Self::NeverLifted | Self::NoHeelStrike | Self::NoToeOff)
+    }
 }
 
 impl fmt::Display for ExclusionReason {

@@ -1,5 +1,6 @@
 //! The values of all variables in a trial, and means over trials. A trial is one recording of one foot.
 
+use crate::steps::Step;
 use crate::variable::Variable;
 use crate::{NotFitted, RegionFit};
 use plantar::Side;
@@ -14,29 +15,43 @@ pub struct Trial {
     pub name: String,
     /// The foot.
     pub side: Side,
-    /// The values of the regions, in the order of [`plantar::Region::ALL`]; `None` if the region was not fitted.
-    pub regions: [Option<Values>; 8],
+    /// The values of the regions, in the order of [`plantar::Region::ALL`]. A region that was not fitted has only the measured
+    /// loads.
+    pub regions: [Values; 8],
 }
 
 impl Trial {
-    /// The trial of a recording, from the fits of its regions.
-    pub fn of(name: String, side: Side, fits: &[Result<RegionFit, NotFitted>; 8]) -> Self {
-        let values = |fit: &RegionFit| Variable::all().map(|variable| variable.of(fit)).collect();
-        Self { name, side, regions: fits.each_ref().map(|fit| fit.as_ref().ok().map(values)) }
+    /// The trial of a recording, from its steps and the fits of its regions.
+    pub fn of(name: String, side: Side, steps: &[Step], fits: &[Result<RegionFit, NotFitted>; 8]) -> Self {
+        let values = |region: usize| {
+            let records = || steps.iter().map(|step| &step.regions[region].record);
+            Variable::all().map(|variable| variable.of(records(), fits[region].as_ref().ok())).collect()
+        };
+        Self { name, side, regions: std::array::from_fn(values) }
+    }
+
+    /// True if at least one region was fitted.
+    pub fn is_fitted(&self) -> bool {
+        self.regions.iter().any(is_fitted)
     }
 
     /// True if both trials have the same values: noise makes the values of two measurements different, so one of the recordings
     /// is a copy of the other one.
     pub fn is_copy_of(&self, other: &Self) -> bool {
-        self.side == other.side && self.regions == other.regions && self.regions.iter().any(Option::is_some)
+        self.side == other.side && self.regions == other.regions && self.is_fitted()
     }
 }
 
-/// The mean of each variable over the trials that have a value of it; `None` without trials.
-pub fn means<'v>(all: impl IntoIterator<Item = &'v Values>) -> Option<Values> {
+/// True if the region with these values was fitted.
+pub fn is_fitted(values: &Values) -> bool {
+    values[Variable::nrmse().index()].is_some()
+}
+
+/// The mean of each variable over those of `all` that have a value of it.
+pub fn means<'v>(all: impl IntoIterator<Item = &'v Values>) -> Values {
     let all: Vec<&Values> = all.into_iter().collect();
-    let width = all.first()?.len();
-    Some((0..width).map(|i| Moments::of(all.iter().filter_map(|values| values[i])).map(|m| m.mean)).collect())
+    let mean = |i| Moments::of(all.iter().filter_map(|values| values[i])).map(|m| m.mean);
+    (0..Variable::all().count()).map(mean).collect()
 }
 
 /// Mean and standard deviation of some values.

@@ -1,44 +1,60 @@
-//! The numbers of a fitted region that are averaged and compared between people: mechanical quantities, parameters and errors.
+//! The numbers of a region that are averaged and compared between people: measured loads, mechanical quantities, parameters and
+//! errors.
 
 use crate::RegionFit;
 use crate::measures::Quantity;
+use crate::trials::Moments;
+use plantar::protocol::StepRegion;
 use std::borrow::Cow;
 
-/// A number of a fitted region.
+/// A number of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Variable {
+    /// A measured load of the step record. It does not depend on the model, so a region that was not fitted has it, too. It has no
+    /// value in a step without contact.
+    Load(&'static Scalar<StepRegion>),
     /// A mechanical quantity. It has no value in a region that does not reach the force or the strain at which the quantity is
     /// defined.
     Quantity(Quantity),
     /// A parameter or an error, which every fitted region has.
-    Scalar(&'static Scalar),
+    Scalar(&'static Scalar<RegionFit>),
 }
 
-/// A number that every fitted region has.
+/// A number that every `T` has.
 #[derive(Debug)]
-pub struct Scalar {
+pub struct Scalar<T> {
     /// Name with unit, as in tables.
     pub name: &'static str,
     /// Symbol or name in figures.
     pub title: &'static str,
     /// Unit in figures.
     pub unit: &'static str,
-    /// The number of a fitted region.
-    value: fn(&RegionFit) -> f64,
+    /// The number.
+    value: fn(&T) -> f64,
 }
 
-impl PartialEq for Scalar {
+impl<T> PartialEq for Scalar<T> {
     fn eq(&self, other: &Self) -> bool {
         self.name == other.name
     }
 }
 
-const fn scalar(name: &'static str, title: &'static str, unit: &'static str, value: fn(&RegionFit) -> f64) -> Scalar {
+const fn scalar<T>(name: &'static str, title: &'static str, unit: &'static str, value: fn(&T) -> f64) -> Scalar<T> {
     Scalar { name, title, unit, value }
 }
 
+/// The loads that studies of plantar pressure usually report. Names and values are those of the step record.
+static LOADS: [Scalar<StepRegion>; 6] = [
+    scalar("measured_force_peak_n", "peak force", "N", StepRegion::measured_force_peak_n),
+    scalar("measured_force_integral_n_s", "force-time integral", "N s", StepRegion::measured_force_integral_n_s),
+    scalar("peak_pressure_kpa", "peak pressure", "kPa", StepRegion::peak_pressure_kpa),
+    scalar("pressure_integral_kpa_s", "pressure-time integral", "kPa s", StepRegion::pressure_integral_kpa_s),
+    scalar("area_peak_mm2", "largest contact area", "mm2", StepRegion::area_peak_mm2),
+    scalar("contact_time_s", "contact time", "s", StepRegion::contact_time_s),
+];
+
 /// The paper's eight parameters, in the order of its Fig. 8.
-pub static PARAMETERS: [Scalar; 8] = [
+pub static PARAMETERS: [Scalar<RegionFit>; 8] = [
     scalar("d0_mm", "d₀: thickness", "mm", |fit| fit.ellipsoid.d0_m * 1e3),
     scalar("a_mm", "A: medial-lateral radius", "mm", |fit| fit.ellipsoid.a_m * 1e3),
     scalar("b_mm", "B: heel-toe radius", "mm", |fit| fit.ellipsoid.b_m * 1e3),
@@ -50,14 +66,14 @@ pub static PARAMETERS: [Scalar; 8] = [
 ];
 
 /// The combinations of the eight parameters that the force determines in addition to n and m.
-static COMBINATIONS: [Scalar; 3] = [
+static COMBINATIONS: [Scalar<RegionFit>; 3] = [
     scalar("ab_mm2", "A B", "mm²", |fit| fit.law.ab_m2 * 1e6),
     scalar("stiffness_pa", "K", "Pa", |fit| fit.law.stiffness_pa),
     scalar("damping_pa_s", "G", "Pa s", |fit| fit.law.damping_pa_s),
 ];
 
 /// The errors of the model force (Eq. 20).
-static ERRORS: [Scalar; 2] = [
+static ERRORS: [Scalar<RegionFit>; 2] = [
     scalar("nrmse_percent", "NRMSE", "% of peak force", |fit| fit.quality.fitted * 100.0),
     scalar("nrmse_smoothed_percent", "NRMSE, smoothed force", "% of peak force", |fit| {
         fit.quality.fitted_smoothed * 100.0
@@ -70,6 +86,11 @@ impl Variable {
         Self::Scalar(&ERRORS[0])
     }
 
+    /// The measured loads.
+    pub fn loads() -> impl Iterator<Item = Self> {
+        LOADS.iter().map(Self::Load)
+    }
+
     /// All mechanical quantities.
     pub fn quantities() -> impl Iterator<Item = Self> {
         Quantity::all().map(Self::Quantity)
@@ -80,12 +101,12 @@ impl Variable {
         PARAMETERS.iter().map(Self::Scalar)
     }
 
-    /// The quantities, then the eight parameters: the variables whose repeatability is computed.
+    /// The loads, the quantities, then the eight parameters: the variables of which the repeatability is computed.
     pub fn repeated() -> impl Iterator<Item = Self> {
-        Self::quantities().chain(Self::parameters())
+        Self::loads().chain(Self::quantities()).chain(Self::parameters())
     }
 
-    /// All variables, the quantities first. Arrays of values have this order.
+    /// All variables, the loads first. Arrays of values have this order.
     pub fn all() -> impl Iterator<Item = Self> {
         Self::repeated().chain(COMBINATIONS.iter().chain(&ERRORS).map(Self::Scalar))
     }
@@ -98,6 +119,7 @@ impl Variable {
     /// Name with unit, as in tables.
     pub fn name(self) -> Cow<'static, str> {
         match self {
+            Self::Load(load) => load.name.into(),
             Self::Quantity(quantity) => quantity.name().into(),
             Self::Scalar(scalar) => scalar.name.into(),
         }
@@ -106,6 +128,7 @@ impl Variable {
     /// Symbol or name in figures, and unit, which may be empty.
     pub fn title(self) -> (Cow<'static, str>, &'static str) {
         match self {
+            Self::Load(load) => (load.title.into(), load.unit),
             Self::Quantity(quantity) => {
                 let (title, unit) = quantity.title();
                 (title.into(), unit)
@@ -120,11 +143,16 @@ impl Variable {
         if unit.is_empty() { title.into() } else { format!("{title}, {unit}") }
     }
 
-    /// The value of a fitted region; `None` for a quantity that it does not have.
-    pub fn of(self, fit: &RegionFit) -> Option<f64> {
+    /// The value of a region, of which `records` are the records of its steps, and `fit` is the fit to these steps, if it could
+    /// be fitted. A load is the mean over the steps in which the region is in contact. `None` for a variable that the region does not have.
+    pub fn of<'r>(self, records: impl IntoIterator<Item = &'r StepRegion>, fit: Option<&RegionFit>) -> Option<f64> {
         let value = match self {
-            Self::Quantity(quantity) => fit.measure(quantity).map(|m| m.value),
-            Self::Scalar(scalar) => Some((scalar.value)(fit)),
+            Self::Load(load) => {
+                let in_contact = records.into_iter().filter(|record| record.contact_ms > 0);
+                Moments::of(in_contact.map(load.value)).map(|moments| moments.mean)
+            }
+            Self::Quantity(quantity) => fit?.measure(quantity).map(|m| m.value),
+            Self::Scalar(scalar) => Some((scalar.value)(fit?)),
         };
         value.filter(|value| value.is_finite())
     }

@@ -76,8 +76,8 @@ pub(crate) fn defects(steps: usize, all_steps_equal: bool) -> Option<String> {
 /// The defect of a result that follows from faulty cells in its steps; `None` without any. Steps from before a fault was found
 /// are not counted.
 pub(crate) fn masked(curves: &[&RegionCurves]) -> Option<String> {
-    let cells = curves.iter().map(|curves| curves.masked_cells).max().filter(|&cells| cells > 0)?;
-    let steps = curves.iter().filter(|curves| curves.masked_cells > 0).count();
+    let cells = curves.iter().map(|curves| curves.record.masked_cells).max().filter(|&cells| cells > 0)?;
+    let steps = curves.iter().filter(|curves| curves.record.masked_cells > 0).count();
     let steps = if curves.len() > 1 { format!(" in {steps} of {} steps", curves.len()) } else { String::new() };
     Some(format!(
         "the readings of faulty cells (up to {cells}) were replaced by those of neighbouring cells{steps}; steps before \

@@ -45,7 +45,7 @@ fn equal_steps_are_a_defect_and_have_finite_results() {
 #[test]
 fn faulty_cells_of_a_region_are_a_defect() {
     let mut steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
-    steps[3..].iter_mut().for_each(|step| step.regions[0].masked_cells = 2);
+    steps[3..].iter_mut().for_each(|step| step.regions[0].record.masked_cells = 2);
     let fits = fitted(&steps, &OPTIONS);
     let expected =
         "the readings of faulty cells (up to 2) were replaced by those of neighbouring cells in 3 of 6 steps; ";

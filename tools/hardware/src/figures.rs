@@ -11,9 +11,8 @@ use crate::data_sheet::{
 use crate::netlist::Netlist;
 use crate::spice::{Conditions, Power};
 use anyhow::Result;
-use plantar::firmware::front_end::{self, CLIPPED_CODE, NOISE_CODES, SETTLE_US, START_US};
+use plantar::firmware::front_end::{self, CLIPPED_CODE, LEAST_PERIOD_US, NOISE_CODES, SETTLE_US, START_US};
 use plantar::firmware::layout::{PERIOD_US, ROWS};
-use plantar::protocol::SETTABLE_PERIOD_US;
 
 /// A figure with its limit.
 pub struct Figure {
@@ -188,8 +187,8 @@ fn simulate_timing(board: &Netlist, figures: &mut Figures) -> Result<Vec<Settlin
     figures.at_most(
         "scan_us",
         scan_s() * 1e6,
-        (*SETTABLE_PERIOD_US.start()).into(),
-        "computed time of a scan, us; the limit is a frame at 400 Hz",
+        LEAST_PERIOD_US.into(),
+        "computed time of a scan, us; the limit is a frame at the highest supported rate",
     );
     figures.at_most(
         "sampling_error_codes",

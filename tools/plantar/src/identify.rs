@@ -22,13 +22,16 @@ use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::Step;
 use plantar::{Region, Side};
-use screen::{Progress, Screen};
+use screen::{Input, Progress, Screen, has_keyboard};
 use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Identifies the tissue parameters of a person who wears one insole or two, in a guided session.
+///
+/// Nobody should take part with an open wound on a foot, with a cast, or against the advice not to walk. A rail or a companion
+/// helps. If stdin is a terminal, Enter begins the session and each standing trial; q ends the session at any time.
 ///
 /// The session has these parts: a standing trial determines the zero of the cells; a walk provides the steps; the parameters are
 /// identified and sent to the insoles, with their contact rule; further steps verify that the insoles' model is as accurate as
@@ -69,6 +72,9 @@ pub struct Identify {
     search: Search,
 }
 
+/// What the wearer must know before the session.
+const BEFORE: &str = "Do not take part with an open wound on a foot, with a cast, or if you were advised not to walk. A rail or a \
+                      companion at your side helps. You may stop at any time.";
 /// The phases of the standing trial: instruction and duration, s. The times are those of the paper (section 2.4: 5, 10
 /// and 5 s), with one second more for each change of posture at the beginning or end of the phase.
 const STANDING: [(&str, u64); 3] = [
@@ -107,6 +113,11 @@ impl Identify {
         let earlier = feet.iter_mut().map(|foot| anyhow::Ok((foot.side, earlier_good_steps(foot, &rule)?)));
         let earlier = earlier.collect::<Result<Vec<_>>>()?;
         feet.iter_mut().try_for_each(|foot| foot.set_rule(rule))?;
+        if has_keyboard() {
+            wait_for_key(&mut feet, format!("{BEFORE} Press Enter to begin."))?;
+        } else {
+            println!("{BEFORE}");
+        }
         if !self.no_standing {
             self.stand(&mut feet)?;
         }
@@ -151,7 +162,8 @@ impl Identify {
         Ok(feet)
     }
 
-    /// Performs the standing trial, and repeats it until it succeeds. If the folder has calibrations of all feet from an earlier
+    /// Performs the standing trial, and repeats it until it succeeds. The wearer begins each trial with a key, if there are keys:
+    /// getting up can make a person dizzy, who must be able to rest. If the folder has calibrations of all feet from an earlier
     /// trial, sends these instead.
     fn stand(&self, feet: &mut [Foot]) -> Result<()> {
         let earlier = feet.iter().map(|foot| earlier_calibration(&foot.calibration_file()));
@@ -159,8 +171,17 @@ impl Identify {
             return send_calibrations(feet, &calibrations);
         }
         let duration = Duration::from_secs(STANDING.iter().map(|(_, s)| s).sum());
-        let mut prefix = "";
+        let (mut prefix, mut before) = ("", "");
         loop {
+            if has_keyboard() {
+                let trial = format!(
+                    "{before}This trial takes {} s: sit with both feet lifted, stand for {} s, and sit with both feet lifted. \
+                     Press Enter to start it.",
+                    duration.as_secs(),
+                    STANDING[1].1
+                );
+                wait_for_key(feet, trial)?;
+            }
             let instruction = |elapsed: Duration| {
                 let mut rest_s = elapsed.as_secs();
                 for (text, s) in STANDING {
@@ -175,7 +196,7 @@ impl Identify {
             let trials = run_part(feet, instruction, |foot, stop| foot.stand(stop, duration, &is_lost))?;
             let evaluate = |(foot, trial): (&Foot, &Option<Trial>)| match trial {
                 Some(trial) => foot.evaluate(trial),
-                None => Ok(Err(anyhow!("the connection was lost: the trial begins again"))),
+                None => Ok(Err(anyhow!("the connection was lost: the trial has to be repeated"))),
             };
             let results = feet.iter().zip(&trials).map(evaluate).collect::<Result<Vec<_>>>()?;
             for (foot, result) in feet.iter().zip(&results) {
@@ -183,7 +204,10 @@ impl Identify {
             }
             match results.into_iter().collect::<Result<Vec<_>>>() {
                 Ok(results) => return self.calibrate(feet, results),
-                Err(_) => prefix = "The trial failed; it begins again. ",
+                Err(_) => {
+                    prefix = "The trial failed; it begins again. ";
+                    before = "The trial failed. Rest as long as you like. ";
+                }
             }
         }
     }
@@ -226,7 +250,10 @@ impl Identify {
     /// numbers.
     fn walk(&self, feet: &mut [Foot], earlier: &[(Side, usize)]) -> Result<()> {
         let needed = usize::from(self.steps);
-        let instruction = |_| "Walk at your usual speed. Turn where you like; only complete steps count.".to_string();
+        let instruction = |_| {
+            "Walk at your usual speed; only complete steps count. Turn and rest where you like: the steps so far count."
+                .to_string()
+        };
         run_part(feet, instruction, |foot, stop| {
             let earlier = earlier.iter().find(|(side, _)| *side == foot.side).map_or(0, |(_, steps)| *steps);
             if earlier < needed { foot.walk(stop, earlier, needed) } else { Ok(()) }
@@ -252,7 +279,9 @@ impl Identify {
 
     /// Receives further steps of each foot.
     fn verify(&self, feet: &mut [Foot]) -> Result<Vec<Vec<Step>>> {
-        let instruction = |_| "Walk on: these steps verify the result.".to_string();
+        let instruction = |_| {
+            "Walk on: these steps verify the result. Turn and rest where you like: the steps so far count.".to_string()
+        };
         run_part(feet, instruction, |foot, stop| foot.verify(stop, self.verify.into()))
     }
 }
@@ -268,12 +297,34 @@ fn run_part<T: Send>(
     instruction: impl Fn(Duration) -> String,
     work: impl Fn(&mut Foot, &AtomicBool) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
+    run_part_with_key(feet, instruction, work, || {})
+}
+
+/// Shows the instruction until the user presses the key that begins the next part. Meanwhile, the insoles remain connected.
+fn wait_for_key(feet: &mut [Foot], instruction: String) -> Result<()> {
+    let begins = AtomicBool::new(false);
+    let work = |foot: &mut Foot, stop: &AtomicBool| foot.wait(stop, &begins);
+    run_part_with_key(feet, |_| instruction.clone(), work, || begins.store(true, Ordering::Relaxed))?;
+    Ok(())
+}
+
+/// As [`run_part`]; calls `begin` if the user presses the key that begins a part.
+fn run_part_with_key<T: Send>(
+    feet: &mut [Foot],
+    instruction: impl Fn(Duration) -> String,
+    work: impl Fn(&mut Foot, &AtomicBool) -> Result<T> + Sync,
+    begin: impl Fn(),
+) -> Result<Vec<T>> {
     let shown: Vec<_> = feet.iter().map(|foot| foot.progress.clone()).collect();
     let (stop, start) = (AtomicBool::new(false), Instant::now());
     let mut screen = Screen::open()?;
     let outcomes = at_the_same_time(feet, &stop, work, || {
         let progress = shown.iter().map(|foot| foot.lock().unwrap_or_else(PoisonError::into_inner).clone());
-        screen.show(&instruction(start.elapsed()), &progress.collect::<Vec<Progress>>())
+        let input = screen.show(&instruction(start.elapsed()), &progress.collect::<Vec<Progress>>())?;
+        if input == Input::Begin {
+            begin();
+        }
+        Ok(input == Input::End)
     });
     drop(screen);
     let outcomes = outcomes?;

@@ -1,4 +1,4 @@
-//! `plantar repeat`: how well the identified values repeat between trials of the same people.
+//! `plantar repeat`: how well measured and identified values repeat between trials of the same people.
 
 pub mod output;
 
@@ -20,13 +20,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use study::{Person, SETTINGS_FILE, fits};
 
-/// Compares the values that are identified from repeated trials of the same people.
+/// Compares the values that are measured in and identified from repeated trials of the same people.
 ///
 /// A trial is one recording of one foot. Each region of each trial is fitted to
-/// all of its steps, as by `plantar fit`, and the mechanical quantities and the
-/// eight parameters of the trials are compared: intraclass correlation
-/// coefficient ICC(2,1), standard error of measurement (SEM) and minimal
-/// detectable change (MDC). The two feet are compared separately.
+/// all of its steps, as by `plantar fit`. The measured loads (peak force, peak
+/// pressure, their time integrals, contact area and time), the mechanical
+/// quantities and the eight parameters of the trials are compared: intraclass
+/// correlation coefficient ICC(2,1), standard error of measurement (SEM) and
+/// minimal detectable change (MDC). The two feet are compared separately.
 ///
 /// Give a FOLDER with one folder per participant, as for `plantar cohort`, or the
 /// recordings of one person. For one person there is no ICC.
@@ -35,9 +36,10 @@ use study::{Person, SETTINGS_FILE, fits};
 /// each, in the order of the names of the recordings, are used.
 ///
 /// Incomplete results of fitted regions are named, with recording and region. A
-/// region that was not fitted has no values in this trial and is not named, and a
-/// measurement of the tissue that is out of range is a note; neither changes the
-/// exit status. `plantar fit` of the recording states why a region was not fitted.
+/// region that was not fitted has only the measured loads of this trial and is not
+/// named, and a measurement of the tissue that is out of range is a note; neither
+/// changes the exit status. `plantar fit` of the recording states why a region was
+/// not fitted.
 ///
 /// Exit status: 0 if all participants and recordings can be used, 3 if some
 /// cannot, or if the result of a fitted region of a trial is incomplete, 2 if the

@@ -96,7 +96,7 @@ fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
     let of = |recording: &str| ann.iter().filter(|row| text(row, "recording") == recording).count();
     assert_eq!(["a.parquet", "b.parquet", "c.parquet"].map(of), [16, 24, 8]);
     for (row, region) in ann.iter().zip(Region::ALL.iter().cycle()) {
-        assert_eq!((text(row, "region"), row.len(), row.contains_key("participant")), (region.name(), 68, false));
+        assert_eq!((text(row, "region"), row.len(), row.contains_key("participant")), (region.name(), 73, false));
         assert_eq!((number(row, "insole_size"), number(row, "mass_kg")), (36.0, 60.5));
         assert_eq!((number(row, "height_cm"), number(row, "age_years"), text(row, "sex")), (160.0, 30.0, "female"));
         assert_eq!((text(row, "filter"), text(row, "method")), ("live", "projection"));
@@ -124,6 +124,35 @@ fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
         assert!((0.0..100.0).contains(&value("nrmse_percent")) && value("evaluations") > 0.0);
     }
     assert!(ann.iter().filter(|row| row["fitted"] == Field::Bool(true)).count() > 30);
+}
+
+#[test]
+fn the_loads_of_each_region_are_those_of_the_step_record() {
+    let (_folder, path) = people();
+    let (status, text_of_run) = outcome(&cohort(&path, "--contact-full 150"));
+    assert_eq!(status, Some(0), "{text_of_run}");
+    let replayed = Command::new(env!("CARGO_BIN_EXE_plantar"))
+        .args("replay people/ann/b.parquet --contact-full 150 --precision f64 --steps steps.csv".split(' '))
+        .current_dir(&path)
+        .output();
+    assert!(replayed.expect("the program starts").status.success());
+    let mut file = csv::Reader::from_path(path.join("steps.csv")).expect("a table");
+    let steps: Vec<HashMap<String, String>> = file.deserialize().map(|line| line.expect("a line")).collect();
+    let rows: Vec<Row> = rows(&path, "ann").into_iter().filter(|row| text(row, "recording") == "b.parquet").collect();
+    assert_eq!((steps.len(), rows.len()), (3 * 8, 3 * 8));
+    for (row, step) in rows.iter().zip(&steps) {
+        assert_eq!(text(row, "region"), step["region"]);
+        for column in [
+            "measured_force_peak_n",
+            "measured_force_integral_n_s",
+            "peak_pressure_kpa",
+            "pressure_integral_kpa_s",
+            "area_peak_mm2",
+            "contact_time_s",
+        ] {
+            assert_eq!(number(row, column), step[column].parse::<f64>().expect("a number"), "{step:?}, {column}");
+        }
+    }
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -168,7 +197,8 @@ fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
         let found: f64 = found.parse().expect("a number");
         assert!((found - expected).abs() <= 1e-9 * expected.abs(), "{found}, not {expected}");
     };
-    let columns = "force_at_70_percent_area_n area_at_100_n_mm2 secant_modulus_kpa dissipated_energy_mj a_mm b_mm c_mm d0_mm \
+    let loads = ["measured_force_peak_n", "pressure_integral_kpa_s", "area_peak_mm2"];
+    let columns = "measured_force_peak_n pressure_integral_kpa_s area_peak_mm2 force_at_70_percent_area_n area_at_100_n_mm2 secant_modulus_kpa dissipated_energy_mj a_mm b_mm c_mm d0_mm \
                    k_n_m3 n c_n_s_m3 m ab_mm2 stiffness_pa damping_pa_s nrmse_percent nrmse_smoothed_percent";
     for line in &lines {
         let participants: &[&Vec<Row>] = if line["insole_size"] == "35-36" { &[&ann] } else { &[&bob, &cid] };
@@ -176,7 +206,9 @@ fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
             let means: Vec<f64> =
                 participants.iter().filter_map(|rows| mean_of(rows, &line["region"], column)).collect();
             assert_eq!(line[&format!("{column}_participants")], means.len().to_string());
-            assert!(means.len() <= line["participants"].parse().expect("a number"));
+            // Every region has loads, but a region that was not fitted has no other values.
+            let fitted: usize = line["participants"].parse().expect("a number");
+            assert!(if loads.contains(&column) { means.len() == participants.len() } else { means.len() <= fitted });
             let [found, sd] = ["mean", "sd"].map(|kind| &line[&format!("{column}_{kind}")]);
             match means[..] {
                 [] => assert!(found.is_empty() && sd.is_empty()),
@@ -440,12 +472,14 @@ fn the_report_has_table_1_charts_and_repeatability() {
     let (status, text_of_run) = outcome(&cohort(&path, "--report cohort.html"));
     assert_eq!(status, Some(0), "{text_of_run}");
     assert!(text_of_run.contains("Repeatability, right foot: 2 trials of 2 people"), "{text_of_run}");
-    // Table 1 comes first, then the errors, the quantities, the parameters and the repeatability.
+    // Table 1 comes first, then the errors, the loads, the quantities, the parameters and the repeatability.
     let html = fs::read_to_string(path.join("cohort.html")).expect("a report");
     let words = [
         "id=\"people\"",
         "<th scope=\"row\">35–36</th><td>1</td><td>1/0</td><td>30.0</td><td>60.5</td><td>1.60</td>",
         "id=\"errors\"",
+        "id=\"loads\"",
+        "peak pressure, kPa",
         "id=\"quantities\"",
         "secant modulus at 20 % strain, kPa",
         "id=\"parameters\"",

@@ -137,6 +137,21 @@ fn obey(screen: &str, action: &AtomicU8) {
     }
 }
 
+/// The text on the screen without its frame and line breaks.
+fn words(screen: &str) -> String {
+    screen.replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Presses Enter if the screen asks for it.
+fn enter(screen: &str) -> &'static [u8] {
+    if words(screen).contains("Press Enter") { b"\r" } else { b"" }
+}
+
+/// The force of the right foot on the screen, N.
+fn force_n(screen: &str) -> Option<f64> {
+    words(screen).split_once("right foot ")?.1.split(' ').next()?.parse().ok()
+}
+
 /// The path of the emulated board's firmware.
 fn firmware() -> PathBuf {
     std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware").into()
@@ -182,13 +197,33 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
 
     let obey = |screen: &str| obey(screen, &action);
     let after = format!("{INTERRUPTED_AFTER} of {STEPS}");
+    // Before the trial, the wearer rests: stands until the screen shows the changed force, and only then presses the key.
+    let mut resting_n = None;
+    let mut screens_before_trial = None;
+    let mut shown_screens = 0;
     let (status, screens) = run(&arguments, &[], |screen| {
-        obey(screen);
-        if screen.contains(&after) { b"q" } else { b"" }
+        shown_screens += 1;
+        if words(screen).contains("Press Enter to start it") && screens_before_trial.is_none() {
+            let (Some(now_n), before_n) = (force_n(screen), resting_n) else { return b"" };
+            action.store(STANDING, Ordering::Relaxed);
+            resting_n = resting_n.or(Some(now_n));
+            if before_n.is_none_or(|before_n: f64| (now_n - before_n).abs() < 50.0) {
+                return b"";
+            }
+            action.store(LIFTED, Ordering::Relaxed);
+            screens_before_trial = Some(shown_screens);
+        } else {
+            obey(screen);
+        }
+        if screen.contains(&after) { b"q" } else { enter(screen) }
     });
     let text = screens.last().expect("a screen");
     assert!(status == 1 && text.contains("give the same command again"), "{text}\n{}", log(&board));
-    assert!(screens.iter().any(|screen| screen.contains("Stand up")), "the session begins with a standing trial");
+    let (before, trial) = screens.split_at(screens_before_trial.expect("a question before the trial"));
+    let is_shown = |screens: &[String], expected: &str| screens.iter().any(|screen| words(screen).contains(expected));
+    assert!(is_shown(before, "open wound") && is_shown(before, "You may stop at any time"));
+    assert!(!is_shown(before, "off the floor: "), "the trial begins only with the key");
+    assert!(is_shown(trial, "Stand up"), "the session begins with a standing trial");
 
     // The connection is cut once during the walk.
     let cut_after = format!("{} of {STEPS}", INTERRUPTED_AFTER + 3);
@@ -203,12 +238,14 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
             // This fails if the connection has already ended.
             let _ = host.shutdown(Shutdown::Both);
         }
-        b""
+        enter(screen)
     });
     let text = screens.last().expect("a screen");
     let shown = |words: &str| screens.iter().any(|screen| screen.contains(words));
     assert!(!shown("Stand up"), "the standing trial is not repeated");
-    assert!(shown(&after) && shown("connection lost") && shown("verify the result"), "{text}");
+    assert!(shown(&after) && shown("verify the result"), "{text}");
+    assert!(is_shown(&screens, "stop walking; connection lost"), "{text}");
+    assert!(is_shown(&screens, "rest where you like: the steps so far count"), "{text}");
     assert!(
         status == 0 && text.contains("as predicted") && text.contains("The session is complete"),
         "{status}: {text}"
@@ -259,6 +296,7 @@ fn both_feet_are_identified_without_a_terminal() {
     let [text, errors] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("text"));
     assert!(output.status.code() == Some(3) && text.contains("INCOMPLETE"), "{text}{errors}");
     assert_eq!(errors.matches("walk-000.plantar").count(), 1, "{errors}");
+    assert_eq!(text.matches("open wound").count(), 1, "{text}");
     for (side, address) in ["left", "right"].into_iter().zip(addresses) {
         assert!(text.contains(&format!("{side}: 6 of 6")), "{text}");
         let parameters = Parameters::read(&out.join(side).join("params.toml")).expect("parameters");
@@ -288,7 +326,7 @@ fn a_wearer_is_identified_over_bluetooth() {
     let arguments = ["identify", "--ble", "right", "--out", out, "--steps", "6", "--verify", "2"];
     let (status, screens) = run(&arguments, &bus.environment(), |screen| {
         obey(screen, &action);
-        b""
+        enter(screen)
     });
     let text = screens.last().expect("a screen");
     assert!(

@@ -12,6 +12,8 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified};
 use plantar::protocol::session::{RECORD_QUEUE, Session};
 use plantar::protocol::{Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, ToDevice, decode, frame};
+#[cfg(unix)]
+use portable_pty::{CommandBuilder, PtySize, native_pty_system};
 use recording::VirtualInsole;
 use recording::synthetic::{self, SyntheticWalk};
 use std::cell::Cell;
@@ -112,7 +114,7 @@ fn is_acknowledgement(message: &ToDevice) -> bool {
 
 fn plantar(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_plantar"));
-    command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
 
@@ -457,7 +459,45 @@ fn a_standing_trial_in_which_the_link_was_lost_begins_again_with_its_instruction
     program.kill().expect("it is still running");
     let (_, text) = wait_for_end(program);
     serving.join().expect("no panic");
-    assert!(repeated.last().is_some_and(|line| line.contains("the trial begins again")), "{repeated:?} {text}");
+    assert!(repeated.last().is_some_and(|line| line.contains("the trial has to be repeated")), "{repeated:?} {text}");
+}
+
+/// Only the output is piped, so that a person can press keys: Enter begins the session, and the standing trial waits for it.
+#[test]
+#[cfg(unix)]
+fn a_standing_trial_waits_for_a_key_if_the_input_is_a_terminal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (listener, address) = listen();
+    let pair = native_pty_system().openpty(PtySize::default()).expect("a terminal");
+    let mut command = CommandBuilder::new("sh");
+    command.args([
+        "-c",
+        "\"$0\" identify --contact-full 0 --tcp \"$1\" --out \"$2\" 2>&1 | cat",
+        env!("CARGO_BIN_EXE_plantar"),
+    ]);
+    command.args([address.as_ref(), folder.path().as_os_str()]);
+    let mut child = pair.slave.spawn_command(command).expect("it runs");
+    drop(pair.slave);
+    let serving = std::thread::spawn(move || {
+        let mut insole = Insole::with_steps([]).with_cells();
+        insole.serve(listener.accept().expect("it connects").0, |_| false);
+    });
+    let mut keys = pair.master.take_writer().expect("a writer");
+    let output = BufReader::new(pair.master.try_clone_reader().expect("a reader"));
+    let mut text = String::new();
+    for line in output.lines().map_while(Result::ok) {
+        if line.contains("Press Enter to begin") {
+            keys.write_all(b"\n").expect("it reads");
+        } else if line.contains("Press Enter to start it") || line.contains("off the floor") {
+            keys.write_all(b"q\n").expect("it reads");
+        }
+        text += &format!("{line}\n");
+    }
+    child.wait().expect("it ends");
+    serving.join().expect("no panic");
+    assert_eq!(text.matches("open wound").count(), 1, "{text}");
+    assert!(text.contains("Press Enter to start it") && text.contains("give the same command again"), "{text}");
+    assert!(!text.contains("off the floor"), "the trial has begun: {text}");
 }
 
 /// With `--mass`, the gains of both feet have one scale, which their common standing trial determines.

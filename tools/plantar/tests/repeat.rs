@@ -61,9 +61,15 @@ fn a_quantity_that_differs_more_between_people_than_between_trials_has_a_high_ic
     let (status, text) = plantar(&path, "repeat people --csv r.csv --json r.json");
     assert_eq!(status, Some(0), "{text}");
     assert!(text.contains("left foot: 2 trials of 3 people"), "{text}");
-    // The quantities come first, and the eight parameters second.
-    let positions =
-        ["force at 70 %", "energy dissipated", "d₀: thickness", "m: damping exponent", "ICC(2,1) by region"];
+    // The loads come first, then the quantities, and then the eight parameters.
+    let positions = [
+        "peak pressure, kPa",
+        "force at 70 %",
+        "energy dissipated",
+        "d₀: thickness",
+        "m: damping exponent",
+        "ICC(2,1) by region",
+    ];
     let positions = positions.map(|words| text.find(words).unwrap_or_else(|| panic!("{words}: {text}")));
     assert!(positions.is_sorted(), "{positions:?}");
 

@@ -10,10 +10,14 @@ use plantar::pipeline::contact::ContactRule;
 use report::Cohort;
 use resvg::tiny_skia::Pixmap;
 
-/// A trial whose variables have the values `base`, `base` + 1 and so on, and whose last region was not fitted.
+/// A trial of which the variables have the values `base`, `base` + 1 and so on. The last region was not fitted, so it has only
+/// loads.
 fn trial(base: f64) -> Trial {
-    let values: Values = Variable::all().enumerate().map(|(i, _)| Some(base + i as f64)).collect();
-    let regions = std::array::from_fn(|region| (region < 7).then(|| values.clone()));
+    let values = |region| -> Values {
+        let value = |(i, variable)| (region < 7 || matches!(variable, Variable::Load(_))).then_some(base + i as f64);
+        Variable::all().enumerate().map(value).collect()
+    };
+    let regions = std::array::from_fn(values);
     Trial { name: "walk".into(), side: Side::Left, regions }
 }
 
@@ -57,8 +61,8 @@ fn table_1_and_the_errors_have_means_and_deviations_by_size() {
     );
     let none = Cohort { people: &people[2..], feet: &[], incomplete: &[], contact: ContactRule::COUNTED };
     assert!(report::cohort_html(&none).contains("at least two recordings each of the left foot"));
-    // One chart of the errors, one for each of the 15 quantities and 8 parameters, and one of the repeatability.
-    assert_eq!(html.matches("<figure").count(), 1 + 15 + 8 + 1);
+    // One chart of the errors, one for each of the 6 loads, 15 quantities and 8 parameters, and one of the repeatability.
+    assert_eq!(html.matches("<figure").count(), 1 + 6 + 15 + 8 + 1);
 }
 
 /// The errors of the two people differ by the factor 40, and so must the lengths of their bars, which are rounded to 0.1.
@@ -66,7 +70,7 @@ fn table_1_and_the_errors_have_means_and_deviations_by_size() {
 fn bars_begin_at_zero_even_if_errors_differ_by_a_large_factor() {
     let with_errors = |name, size_eur, percent: f64| {
         let values: Values = Variable::all().map(|_| Some(percent)).collect();
-        let trial = Trial { regions: std::array::from_fn(|_| Some(values.clone())), ..trial(percent) };
+        let trial = Trial { regions: std::array::from_fn(|_| values.clone()), ..trial(percent) };
         person(name, size_eur, Sex::Female, 20.0, vec![trial])
     };
     let people = [with_errors("ann", 37, 2.5), with_errors("bea", 43, 100.0)];

@@ -68,7 +68,7 @@ pub fn trial<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &
         defects.map(|defect| format!("{}: {defect}", region.name()))
     });
     let defects = defects.collect();
-    Ok((Trial::of(name.into_owned(), side, &fits), defects))
+    Ok((Trial::of(name.into_owned(), side, &steps, &fits), defects))
 }
 
 /// A placeholder row, for the names and types of the columns of a table that may have no rows.
@@ -85,7 +85,7 @@ pub fn columns(person: &Person) -> FitRow {
     row(person, "", &step, Region::Heel, Err(NotFitted::NoSteps))
 }
 
-/// The row of one region of a step: its origin, the quantities, then the parameters and the errors.
+/// The row of one region of a step: its origin, the loads, the quantities, then the parameters and the errors.
 fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Result<RegionFit, NotFitted>) -> FitRow {
     let text = |text: &str| Value::Text(Some(text.into()));
     let integer = |value: Option<usize>| Value::Integer(value.and_then(|v| i32::try_from(v).ok()));
@@ -93,8 +93,7 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
     let kpa = |value: f32| real(Some(value.into()));
     let Person { contact, options, settings, .. } = person;
     let curves = &step.regions[region as usize];
-    let (_, force_n, _) = curves.of(options.filter);
-    let origin: [(&'static str, Value); 20] = [
+    let origin: [(&'static str, Value); 19] = [
         ("insole_size", integer(Some(person.size.eur().into()))),
         ("age_years", real(settings.age_years)),
         ("sex", Value::Text(settings.sex.map(|sex| sex.name().into()))),
@@ -113,14 +112,13 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
         ("contact_full_kpa", kpa(contact.full_kpa)),
         ("filter", text(options.filter.name())),
         ("method", text(options.method.name())),
-        ("masked_cells", integer(Some(curves.masked_cells.into()))),
-        ("measured_peak_n", real(Some(force_n.iter().copied().fold(0.0, f64::max)))),
+        ("masked_cells", integer(Some(curves.record.masked_cells.into()))),
     ];
     let mut row: FitRow = origin.map(|(name, value)| (name.into(), value)).into();
     let fit = fit.ok();
     let fit = fit.as_ref();
-    let value = |variable: Variable| (variable.name(), real(fit.and_then(|fit| variable.of(fit))));
-    row.extend(Variable::quantities().map(value));
+    let value = |variable: Variable| (variable.name(), real(variable.of([&curves.record], fit)));
+    row.extend(Variable::loads().chain(Variable::quantities()).map(value));
     for (i, [name, low, high, at_bound]) in PARAMETER_COLUMNS.into_iter().enumerate() {
         // The interval of A B is in m2, and its columns are in mm2.
         let factor = if i == 0 { 1e6 } else { 1.0 };
@@ -131,7 +129,7 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
         row.push((high.into(), real(interval.map(|i| i.jacobian[1] * factor))));
         row.push((at_bound.into(), Value::Flag(interval.map(|i| i.at_bound))));
     }
-    // The variables that are neither quantities nor identified parameters.
+    // The variables that are neither loads, quantities nor identified parameters.
     let rest: Vec<_> =
         Variable::all().map(value).filter(|(name, _)| row.iter().all(|(other, _)| other != name)).collect();
     row.extend(rest);

@@ -46,7 +46,7 @@ pub fn defects(rows: &[HashMap<String, Field>]) -> Vec<String> {
     found
 }
 
-/// The values of each recording: the means over its fitted steps.
+/// The values of each recording: the means over its steps, of those that follow from a fit over the fitted ones.
 pub fn trials(rows: &[HashMap<String, Field>]) -> Vec<Trial> {
     let variables: Vec<_> = Variable::all().map(Variable::name).collect();
     let mut recordings = BTreeMap::<&str, (Side, [Vec<Values>; 8])>::new();
@@ -59,11 +59,8 @@ pub fn trials(rows: &[HashMap<String, Field>]) -> Vec<Trial> {
         };
         let side = if side == Side::Left.name() { Side::Left } else { Side::Right };
         let (_, regions) = recordings.entry(name).or_insert_with(|| (side, Default::default()));
-        if row.get("fitted") == Some(&Field::Bool(true)) {
-            let value =
-                |column: &Cow<str>| if let Some(Field::Double(v)) = row.get(&**column) { Some(*v) } else { None };
-            regions[region as usize].push(variables.iter().map(value).collect());
-        }
+        let value = |column: &Cow<str>| if let Some(Field::Double(v)) = row.get(&**column) { Some(*v) } else { None };
+        regions[region as usize].push(variables.iter().map(value).collect());
     }
     let trial = |(name, (side, regions)): (&str, (Side, [Vec<Values>; 8]))| Trial {
         name: name.into(),

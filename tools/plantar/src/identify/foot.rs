@@ -129,17 +129,24 @@ impl Foot {
                         self.side.name()
                     );
                     if start != SessionStart::Connected {
-                        self.update(|progress| progress.remark = "connected again".into());
+                        self.update(|progress| {
+                            let next = if progress.is_walking() { ": walk on when you are ready" } else { "" };
+                            progress.remark = format!("connected again{next}");
+                        });
                     }
                     Item::Started
                 }
                 Event::Timeout => continue,
                 Event::Lost(error) if error.is_link_failure() => {
-                    let remark = match error {
+                    let cause = match error {
                         Error::Refused(refusal) => refusal.to_string(),
                         _ => "connection lost: come closer, or check the cable".into(),
                     };
-                    self.remark(remark);
+                    // Reading the screen or handling the cable while walking is a risk of falling.
+                    self.update(|progress| {
+                        let first = if progress.is_walking() { "stop walking; " } else { "" };
+                        progress.remark = format!("{first}{cause}");
+                    });
                     continue;
                 }
                 Event::Lost(error) => return Err(error.into()),
@@ -162,6 +169,18 @@ impl Foot {
             Some(failure) if failure.is_link_failure() => Ok(self.link.recover(error.downcast()?)?),
             _ => Err(error),
         }
+    }
+
+    /// Stores load records until `begins` is set.
+    pub fn wait(&mut self, stop: &AtomicBool, begins: &AtomicBool) -> Result<()> {
+        let mut file = self.new_stream_file(STAND_PREFIX)?;
+        self.update(|progress| progress.needed = 0);
+        self.follow(stop, |foot, item| {
+            if let Item::Message(message) = item {
+                foot.store_record(&mut file, &message)?;
+            }
+            Ok(begins.load(Ordering::Relaxed))
+        })
     }
 
     /// Records the cells of a standing trial for `time`. `None` if the link of a foot was lost meanwhile: `is_lost`, which all
@@ -369,7 +388,9 @@ fn ensure_supply(side: Side, supply_mv: Option<u16>) -> Result<()> {
 
 /// The remark if the insole seems to lie under the other foot.
 const OTHER_FOOT: &str = "the small toes carry more than the big toe: is this insole in the other shoe?";
-/// First part of the names of the stream files with the load records that the insole sends during the standing trial.
+/// The remark after some time without a step.
+const RESTS: &str = "no step: rest as long as you like, the steps so far count; if you are walking, check the shoe";
+/// First part of the names of the stream files with the load records that the insole sends before and during the standing trial.
 const STAND_PREFIX: &str = "stand";
 /// First part of the names of the stream files of the walk.
 const WALK_PREFIX: &str = "walk";
@@ -449,7 +470,7 @@ impl Walk {
         }
         let remark = match &self.unused {
             _ if self.steps.looks_mirrored() => OTHER_FOOT.into(),
-            _ if self.last_step.elapsed() >= NO_STEP => "no step: walk at your usual speed, and check the shoe".into(),
+            _ if self.last_step.elapsed() >= NO_STEP => RESTS.into(),
             Some(reason) => format!("a step was not used: {reason}"),
             None => String::new(),
         };

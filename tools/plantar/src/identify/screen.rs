@@ -8,7 +8,7 @@ use plantar::Side;
 use plantar::pipeline::outline::GENERIC_SOLE;
 use plantar::pipeline::template::region_at;
 use plantar::protocol::Live;
-use ratatui::crossterm::event;
+use ratatui::crossterm::event::{self, Event, KeyCode};
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::symbols::Marker;
@@ -27,6 +27,34 @@ const GRID_MM: f64 = 4.0;
 const FULL_DN: f64 = 3000.0;
 /// Colours of the points, from unloaded to fully loaded; indices of the 256 colours of a terminal.
 const COLOURS: [u8; 6] = [236, 24, 31, 37, 214, 203];
+
+/// What the user requests by a key or a signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// Nothing.
+    None,
+    /// To begin the next part of the session: Enter.
+    Begin,
+    /// To end the session.
+    End,
+}
+
+impl Input {
+    /// The meaning of an event of the terminal.
+    fn of(event: &Event) -> Self {
+        match event {
+            _ if ends_session(event) => Self::End,
+            // Some terminals report the release of a key, too: also that of the Enter which started this program.
+            Event::Key(key) if key.code == KeyCode::Enter && key.is_press() => Self::Begin,
+            _ => Self::None,
+        }
+    }
+}
+
+/// True if a person can press keys: stdin is a terminal.
+pub fn has_keyboard() -> bool {
+    std::io::stdin().is_terminal()
+}
 
 /// The state of a foot that the screen shows.
 #[derive(Clone, Debug)]
@@ -48,6 +76,11 @@ impl Progress {
     /// The progress before the first frame.
     pub fn new(side: Side) -> Self {
         Self { side, live: Live::default(), done: 0, needed: 0, remark: String::new() }
+    }
+
+    /// True in a part of the session for which the wearer walks: it counts steps.
+    pub fn is_walking(&self) -> bool {
+        self.needed > 0
     }
 
     /// Measured force on the foot, N.
@@ -73,17 +106,21 @@ impl Screen {
         Ok(Self { terminal, signals: Signals::catch(), printed: Vec::new() })
     }
 
-    /// Shows the instruction and the feet, and waits until a key is pressed or the next picture is due. Returns true if the key
-    /// or a signal ends the session.
-    pub fn show(&mut self, instruction: &str, feet: &[Progress]) -> Result<bool> {
-        let Some(terminal) = &mut self.terminal else {
-            self.print(instruction, feet);
+    /// Shows the instruction and the feet, and waits until a key is pressed or the next picture is due. Returns what the key or a
+    /// signal requests.
+    pub fn show(&mut self, instruction: &str, feet: &[Progress]) -> Result<Input> {
+        let has_keys = self.terminal.is_some() || has_keyboard();
+        match &mut self.terminal {
+            Some(terminal) => _ = terminal.draw(|frame| draw(frame, instruction, feet))?,
+            None => self.print(instruction, feet),
+        }
+        let mut input = Input::None;
+        if !has_keys {
             std::thread::sleep(REDRAW);
-            return Ok(self.signals.have_arrived());
-        };
-        terminal.draw(|frame| draw(frame, instruction, feet))?;
-        let is_ended_by_key = event::poll(REDRAW)? && ends_session(&event::read()?);
-        Ok(is_ended_by_key || self.signals.have_arrived())
+        } else if event::poll(REDRAW)? {
+            input = Input::of(&event::read()?);
+        }
+        Ok(if self.signals.have_arrived() { Input::End } else { input })
     }
 
     /// Prints the lines that have changed.
@@ -177,4 +214,25 @@ fn draw_sole(frame: &mut Frame, foot: &Progress, area: Rect) {
             }
         });
     frame.render_widget(canvas, area);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Input;
+    use ratatui::crossterm::event::{Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+
+    #[test]
+    fn only_enter_begins_a_part_and_only_when_it_is_pressed() {
+        let key = |code| KeyEvent::new(code, KeyModifiers::NONE);
+        let released = KeyEvent { kind: KeyEventKind::Release, ..key(KeyCode::Enter) };
+        for (event, input) in [
+            (Event::Key(key(KeyCode::Enter)), Input::Begin),
+            (Event::Key(released), Input::None),
+            (Event::Key(key(KeyCode::Char('x'))), Input::None),
+            (Event::Resize(80, 24), Input::None),
+            (Event::Key(key(KeyCode::Char('q'))), Input::End),
+        ] {
+            assert_eq!(Input::of(&event), input, "{event:?}");
+        }
+    }
 }

@@ -21,7 +21,8 @@ pub fn print(feet: &[FootRepeatability]) {
     }
     println!(
         "ICC(2,1): 1 if the trials of each person agree, 0 if they differ as much as people do. SEM: standard error of\n\
-         measurement. MDC: minimal detectable change, 95 %: two trials that differ by less may be of an unchanged person.\n\
+         measurement. MDC: minimal detectable change, 1.96 sqrt(2) SEM: two trials that differ by less may be of an unchanged\n\
+         person.\n\
          A number in parentheses: only this number of people have a value in all compared trials.\n\
          The thickness d0 is assumed or measured, and does not follow from the trials."
     );
@@ -45,7 +46,7 @@ fn print_medians(foot: &FootRepeatability) {
         }
     }
     summary::align(&mut table);
-    println!("Repeatability, {}:\n{table}", foot.comparison());
+    println!("Repeatability, {}:\n{table}\n{}", foot.comparison(), foot.mdc_note());
 }
 
 /// Prints the ICC by region, unless there is only one person. Then prints SEM and MDC by region.

@@ -16,6 +16,7 @@ pub fn page(cohort: &Cohort) -> Markup {
         &html! {
             (section("people", "Participants", people(cohort)))
             (section("errors", "Errors by region and insole size", errors(&groups)))
+            (section("loads", "Measured loads by region and insole size", loads(&groups)))
             (section("quantities", "Mechanical quantities by region and insole size", quantities(&groups)))
             (section("parameters", "Parameters by region and insole size", parameters(&groups)))
             (section("repeatability", "Repeatability between trials", repeated(cohort)))
@@ -46,6 +47,16 @@ fn errors(groups: &[SizeGroup]) -> Markup {
             }
         }
         (wide("Errors by region and insole size", by_size::table(groups)))
+    }
+}
+
+fn loads(groups: &[SizeGroup]) -> Markup {
+    html! {
+        p {
+            "Values of the step records, without the model, also of regions that were not fitted. Mean and standard deviation over \
+             participants. Steps in which a region has no contact are not averaged."
+        }
+        (charts(groups, Variable::loads()))
     }
 }
 
@@ -114,7 +125,7 @@ fn reading(cohort: &Cohort) -> Markup {
             strong { "Repeatability. " }
             "A trial is one recording of one foot; its value is the mean over the steps. The standard error of measurement \
              (SEM) is the standard deviation of a trial about the mean of the participant. Two trials that differ by less \
-             than the minimal detectable change (MDC, 95 %) may be of an unchanged person. With few participants the ICC \
+             than the minimal detectable change (MDC, 1.96 sqrt(2) SEM) may be of an unchanged person. With few participants the ICC \
              itself is uncertain. The thickness d₀ is assumed or measured, and does not follow from the trials."
         }
         p {

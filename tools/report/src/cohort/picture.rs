@@ -46,10 +46,11 @@ fn svg(cohort: &Cohort) -> Markup {
     let feet_height: f64 = feet.iter().map(|foot| foot.height + GAP).sum::<f64>() + LEGEND_ROWS as f64 * LEGEND;
     let errors_and_repeatability_height =
         (SIZE_ROWS * LEGEND + errors.height + GAP).max(if feet.is_empty() { 0.0 } else { feet_height });
-    let quantities = Grid {
+    let loads = Grid {
         y: errors_y + TITLE + errors_and_repeatability_height,
-        charts: by_size::charts(&groups, Variable::quantities()),
+        charts: by_size::charts(&groups, Variable::loads()),
     };
+    let quantities = Grid { y: loads.bottom(&groups), charts: by_size::charts(&groups, Variable::quantities()) };
     let parameters = Grid { y: quantities.bottom(&groups), charts: by_size::charts(&groups, Variable::parameters()) };
     let bottom = parameters.bottom(&groups);
     let steps: usize = cohort.people.iter().map(|person| person.steps).sum();
@@ -71,6 +72,7 @@ fn svg(cohort: &Cohort) -> Markup {
             }
             (errors.at(MARGIN, errors_y + TITLE + SIZE_ROWS * LEGEND))
             @if !feet.is_empty() { (repeated(&feet, errors_y)) }
+            (loads.svg("Measured loads by region and insole size", &groups))
             (quantities.svg("Mechanical quantities by region and insole size", &groups))
             (parameters.svg("Parameters by region and insole size", &groups))
         }

@@ -80,7 +80,7 @@ pub fn legend() -> Vec<Drawing> {
 pub fn medians(foot: &FootRepeatability) -> Markup {
     html! {
         table.medians {
-            caption { "Repeatability, " (foot.comparison()) ": medians over the regions" }
+            caption { "Repeatability, " (foot.comparison()) ": medians over the regions. " (foot.mdc_note()) }
             thead {
                 tr {
                     @for title in ["Variable", "Regions", "ICC(2,1)", "SEM", "MDC", "MDC, % of mean"] { th scope="col" { (title) } }
