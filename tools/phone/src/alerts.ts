@@ -4,7 +4,7 @@
  */
 
 import { store, stored } from "./browser_storage";
-import { PhoneCues } from "./cues";
+import { PhoneCues, ScreenWakeLock } from "./cues";
 import { isToday } from "./days";
 import { type Node, byId, fill } from "./dom";
 import { regionTitle, timeOfDayText, timeText } from "./format";
@@ -17,8 +17,15 @@ import { SIDES, sideTitle } from "./side";
 import { type StoredAlert, newestFirst } from "./step_store";
 import type { Wire } from "./wire";
 
-/** An alert is shown if it is not older than this; an older one is only listed. */
-const FRESH_S = 300;
+/** An alert is shown for this time after the insole last reported load on its regions; the alert itself is such a report. */
+const FRESH_MS = 300_000;
+/** An alert that is older than this when it arrives is only listed. */
+const LONGEST_AGE_S = 86_400;
+/** Interval of the signals of an alert that is shown, and their number. */
+const SIGNAL_INTERVAL_MS = 45_000;
+const SIGNALS = 7;
+/** A foot of which the wearer wants alerts is reported if its insole was not connected for this time. */
+const ABSENT_MS = 120_000;
 /** Duration of a snooze. The text of the button in index.html states it, too. */
 const SNOOZE_MIN = 30;
 /** A pause counts as confirmed if the rest of it that the insole reports is shorter than expected by at most this, s. */
@@ -32,6 +39,9 @@ const VIBRATION_MS = [400, 200, 400, 200, 400];
 
 /** The key under which the browser stores when the wearer last closed alerts. */
 const CLOSED_KEY = "plantar.alerts_closed_unix_s";
+
+/** The key under which the browser stores the feet of which the wearer wants alerts, separated by commas. */
+const WANTED_KEY = "plantar.alerts_wanted";
 
 /** The key under which the browser stores the end of the pause of a foot, as a time of `Date.now()`. */
 const pauseKey = (side: Side) => `plantar.alerts_paused_until_ms.${side}`;
@@ -66,17 +76,41 @@ const isPaused = (daily: DailyLoad | undefined, rest_s: number) => (daily?.snooz
 /** True if the load of the day of an insole is that of today. A load that arrived before midnight is not. */
 const isOfToday = ({ daily_unix_s }: Session) => isToday(daily_unix_s);
 
-/** An alert that is shown, and the time of `Date.now()` at which it was raised. */
-interface ShownAlert {
+/** An alert that the wearer has not closed. Its times are those of `Date.now()`. */
+interface OpenAlert {
   alert: Alert;
   raised_ms: number;
+  /** When one of its regions was last reported to be under sustained load; -Infinity once none is any more. */
+  loaded_ms: number;
+  /** The load of the day that was known when the alert arrived. It may not contain the load of the alert yet. */
+  before: DailyLoad | undefined;
+  /** Number of its signals so far. */
+  signals: number;
 }
 
-/** Shows alerts until the wearer closes them. */
+/** A time without alerts, as two sentences: of which feet, and until when. */
+export interface Pause {
+  feet: string;
+  /** Changes often; empty if no alert comes on this day. */
+  rest: string;
+}
+
+/** Shows alerts until their regions are relieved or the wearer closes them. */
 export class Alerts {
   private readonly cues = new PhoneCues();
+  private readonly screen = new ScreenWakeLock();
   /** The alerts that the wearer has not closed, oldest first. */
-  private shown: ShownAlert[] = [];
+  private open: OpenAlert[] = [];
+  /** Time of `performance.now()` of the last signal. */
+  private signalled_ms = -Infinity;
+  /** The feet of which the wearer wants alerts. */
+  private wanted: readonly Side[] = [];
+  /** For each of these feet, when its insole was last connected, as a time of `performance.now()`. */
+  private readonly connected_ms = new Map<Side, number>();
+  /** For each of these feet of which no alerts can come, why, and what to do. */
+  private gaps = new Map<Side, string>();
+  /** The feet in `gaps` that were signalled since their alerts could last come. */
+  private readonly signalled_gaps = new Set<Side>();
   /**
    * The last change of the switch by the wearer: its new state, and the sessions whose insoles were asked for it. `update`
    * removes the connected sessions whose insoles have accepted it.
@@ -100,11 +134,12 @@ export class Alerts {
     private readonly insoles: Insoles,
     private readonly settings: Settings,
   ) {
-    this.loadPauses();
+    this.load();
   }
 
-  /** Loads the pauses that this page or another tab has stored. */
-  private loadPauses(): void {
+  /** Loads the pauses and the wish for alerts that this page or another tab has stored. */
+  private load(): void {
+    this.wanted = SIDES.filter((side) => stored(() => localStorage, WANTED_KEY)?.includes(side));
     for (const side of SIDES) {
       const end_ms = Number(stored(() => localStorage, pauseKey(side)) ?? 0);
       if (end_ms > 0) this.pauses.set(side, end_ms);
@@ -118,8 +153,15 @@ export class Alerts {
     store(() => localStorage, pauseKey(side), "");
   }
 
-  /** Forgets the pauses and the alerts that are shown: the data of their wearer are deleted. */
+  /** Stores of which feet the wearer wants alerts. */
+  private want(sides: readonly Side[]): void {
+    this.wanted = sides;
+    store(() => localStorage, WANTED_KEY, sides.join());
+  }
+
+  /** Forgets the pauses, the alerts that are shown and the wish for alerts: the data of their wearer are deleted. */
   forget(): void {
+    this.want([]);
     SIDES.forEach((side) => this.forgetPause(side));
     this.hide();
   }
@@ -134,7 +176,7 @@ export class Alerts {
     };
     // The wearer has closed or paused the alerts in another tab.
     addEventListener("storage", ({ key }) => {
-      this.loadPauses();
+      this.load();
       if (key === CLOSED_KEY) this.hide();
     });
     const alerts = byId("alerts-on", HTMLInputElement);
@@ -144,6 +186,10 @@ export class Alerts {
       const sessions = this.connected();
       this.change = { is_on: alerts.checked, sessions };
       this.refusal = "";
+      this.want(alerts.checked ? sessions.flatMap(({ hello }) => hello?.side ?? []) : []);
+      // The wearer hears and feels what an alert is like. After this touch, the browser allows sound.
+      if (alerts.checked) this.signal();
+      else this.close();
       for (const session of sessions) {
         if (session.alert_rules) this.setRules(session, session.alert_rules, alerts.checked);
       }
@@ -159,19 +205,18 @@ export class Alerts {
       box.onchange = () => {
         this.settings[key] = box.checked;
         saveSettings(() => localStorage, this.settings);
-        // The wearer hears or feels what was chosen. After this touch, the browser allows sound.
-        if (box.checked) this.signal();
+        if (box.checked && key !== "alert_screen") this.signal();
       };
     }
     // A hidden page cannot vibrate, so the wearer may not have noticed the signal.
     document.addEventListener("visibilitychange", () => {
-      if (!document.hidden && this.shown.length > 0) this.signal();
+      if (!document.hidden && this.shown.some(({ signals }) => signals < SIGNALS)) this.signal();
     });
   }
 
   /** The boxes of the settings that concern alerts. */
   private boxes() {
-    const keys = ["alert_sound", "alert_vibration"] as const;
+    const keys = ["alert_sound", "alert_vibration", "alert_screen"] as const;
     return keys.map((key) => [key, byId(key.replace("_", "-"), HTMLInputElement)] as const);
   }
 
@@ -191,13 +236,90 @@ export class Alerts {
    * {@link ageOf_s}.
    */
   raise(alert: Alert, start_unix_s: number | null, t_s: number | undefined): void {
-    const age_s = ageOf_s(alert, start_unix_s, t_s);
-    if (age_s > FRESH_S) return;
-    // A dose is reported once a day, so a later alert does not replace it.
-    const remaining = this.shown.filter(({ alert: { side, dose } }) => side !== alert.side || dose.length > 0);
-    this.shown = [...remaining, { alert, raised_ms: Date.now() - 1000 * age_s }];
-    this.signal();
+    this.add(alert, ageOf_s(alert, start_unix_s, t_s));
+    this.signalIfDue();
     this.draw();
+  }
+
+  /** Adds an alert of this age to those that the wearer has not closed. */
+  private add(alert: Alert, age_s: number): void {
+    if (age_s > LONGEST_AGE_S) return;
+    const raised_ms = Date.now() - 1000 * age_s;
+    const added = { alert, raised_ms, loaded_ms: raised_ms, before: this.insoles.of(alert.side)?.daily, signals: 0 };
+    const all = [...this.open, added].sort((a, b) => a.raised_ms - b.raised_ms);
+    // A dose is reported once a day, so a later alert does not replace it.
+    this.open = all.filter(({ alert: { side, dose } }, i) => {
+      return dose.length > 0 || all.slice(i + 1).every((later) => later.alert.side !== side);
+    });
+  }
+
+  /**
+   * The alerts that are shown: those with a region that is still under sustained load, as far as it is known. A dose only grows,
+   * so an alert about one is shown until its day ends.
+   */
+  private get shown(): OpenAlert[] {
+    return this.open.filter(({ alert, raised_ms, loaded_ms }) =>
+      alert.dose.length > 0 ? isToday(raised_ms / 1000) : Date.now() - loaded_ms <= FRESH_MS,
+    );
+  }
+
+  /**
+   * Follows the load of the regions of the alerts, repeats the signal, and notices that alerts cannot come. To be called a few
+   * times a second, also while the page is hidden.
+   */
+  follow(): void {
+    for (const open of this.open) {
+      const session = this.insoles.of(open.alert.side);
+      const daily = this.present(open.alert.side);
+      if (!session || !daily || daily === open.before) continue;
+      const is_loaded = daily.sustained.some((name) => open.alert.sustained.includes(name));
+      // A load that begins again is signalled again.
+      if (is_loaded && open.loaded_ms === -Infinity) open.signals = 0;
+      open.loaded_ms = is_loaded ? 1000 * session.daily_unix_s : -Infinity;
+    }
+    this.signalIfDue();
+    this.findGaps();
+    if (this.settings.alert_screen && this.are_on) this.screen.hold();
+    else this.screen.release();
+  }
+
+  /** True if the wearer wants alerts, or an insole raises them; false for a recording. */
+  private get are_on(): boolean {
+    if (this.insoles.transport?.is_replay) return false;
+    return this.wanted.length > 0 || this.connected().some(({ has_alerts }) => has_alerts);
+  }
+
+  /** Finds the feet of which no alerts can come although the wearer wants them, and signals a new one once. */
+  private findGaps(): void {
+    this.gaps = new Map();
+    if (this.insoles.transport?.is_replay || this.wanted.length === 0) return;
+    const sides = SIDES.filter((side) => this.wanted.includes(side) || this.insoles.of(side)?.state === "live");
+    if (sides.length > this.wanted.length) this.want(sides);
+    const now_ms = performance.now();
+    for (const side of sides) {
+      const { state, has_alerts } = this.insoles.of(side) ?? {};
+      const since_ms = state === "live" ? now_ms : (this.connected_ms.get(side) ?? now_ms);
+      this.connected_ms.set(side, since_ms);
+      if (state === "live" && has_alerts === false && this.answer_timer === undefined) {
+        this.gaps.set(side, "they are off on its insole. Turn them on in the settings.");
+      } else if (now_ms - since_ms > ABSENT_MS) {
+        this.gaps.set(side, state === "other-host" ? "another phone or program receives them. Disconnect the insole there."
+          : "its insole is not connected. Check that it is near and charged, or connect it again.");
+      }
+      if (has_alerts && state === "live") this.signalled_gaps.delete(side);
+    }
+    const found = [...this.gaps.keys()].filter((side) => !this.signalled_gaps.has(side));
+    found.forEach((side) => this.signalled_gaps.add(side));
+    if (found.length > 0) this.signal();
+  }
+
+  /** Sentences on what prevents alerts, or their sound, and what to do. */
+  problems(): string[] {
+    const is_mute = this.are_on && this.settings.alert_sound && !this.cues.is_sound_allowed;
+    return [
+      ...(is_mute ? ["Touch the page once, to allow the sound of alerts."] : []),
+      ...[...this.gaps].map(([side, why]) => `No alerts of the ${side} foot: ${why}`),
+    ];
   }
 
   /** Shows the alerts of the last visit that the wearer has not closed. The browser may have ended the page in the background. */
@@ -206,11 +328,22 @@ export class Alerts {
     this.is_restored = true;
     const closed_s = Number(stored(() => localStorage, CLOSED_KEY) ?? 0) || 0;
     for (const { alert, start_unix_s } of alerts) {
-      if (start_unix_s !== null && start_unix_s > closed_s) this.raise(alert, start_unix_s, undefined);
+      if (start_unix_s !== null && start_unix_s > closed_s) this.add(alert, ageOf_s(alert, start_unix_s, undefined));
     }
+    this.signalIfDue();
+    this.draw();
+  }
+
+  /** Signals an alert that is new or was signalled some time ago, until the number of signals is reached. */
+  private signalIfDue(): void {
+    const due = this.shown.filter(({ signals }) => signals < SIGNALS);
+    const is_repetition_due = performance.now() - this.signalled_ms >= SIGNAL_INTERVAL_MS;
+    if (due.some(({ signals }) => signals === 0 || is_repetition_due)) this.signal();
   }
 
   private signal(): void {
+    this.signalled_ms = performance.now();
+    for (const open of this.shown) open.signals += 1;
     if (this.settings.alert_sound) this.cues.tone();
     if (this.settings.alert_vibration) this.cues.vibrate(VIBRATION_MS);
   }
@@ -223,20 +356,26 @@ export class Alerts {
   }
 
   private hide(): void {
-    this.shown = [];
+    this.open = [];
     this.draw();
   }
 
   private draw(): void {
-    byId("alert").hidden = this.shown.length === 0;
-    fill("alert-text", this.shown.map(({ alert, raised_ms }): Node => {
+    const { shown } = this;
+    const banner = byId("alert");
+    const appears = banner.hidden && shown.length > 0;
+    banner.hidden = shown.length === 0;
+    fill("alert-text", shown.map(({ alert, raised_ms }): Node => {
       // No further alert can come for some time, so a region that is under sustained load now is added to this one.
-      const named = this.shown.flatMap(({ alert: other }) => (other.side === alert.side ? other.sustained : []));
+      const named = shown.flatMap(({ alert: other }) => (other.side === alert.side ? other.sustained : []));
       const later = this.present(alert.side)?.sustained.filter((name) => !named.includes(name)) ?? [];
       const regions = later.map((name) => regionTitle(name).toLowerCase()).join("; ");
       const added = regions ? [` Now also under sustained load: ${regions}.`] : [];
-      return ["p", {}, alert.advice, ...added, " ", ["small", {}, `Raised at ${timeText(raised_ms / 1000)}.`]];
+      const end = alert.dose.length > 0 ? "" : " This message goes when the foot was unloaded for long enough.";
+      return ["p", {}, alert.advice, ...added, " ", ["small", {}, `Raised at ${timeText(raised_ms / 1000)}.${end}`]];
     }));
+    // On a low screen the alert is not sticky.
+    if (appears) banner.scrollIntoView({ block: "nearest" });
   }
 
   /** The load of the day of a foot, unless its insole is not connected: what it reported before may not be true any more. */
@@ -282,19 +421,26 @@ export class Alerts {
     }
   }
 
-  /** The feet with paused alerts, and the time until the first pause ends, as sentences; `undefined` without a pause. */
-  pauseText(): { feet: string; rest: string } | undefined {
+  /** The feet of which no alert can come now, and until when. */
+  pauseTexts(): Pause[] {
+    const isComplete = (side: Side) => {
+      const per_day = this.insoles.of(side)?.per_day ?? 0;
+      return per_day > 0 && (this.present(side)?.alerts ?? 0) >= per_day;
+    };
+    const complete = SIDES.filter(isComplete).map((side): Pause => {
+      return { feet: `The largest number of alerts of a day is reached: no more of the ${side} foot come today.`, rest: "" };
+    });
     const rest_s = (side: Side) => {
       const reported_s = this.present(side)?.snoozed_s ?? 0;
       return Math.max(reported_s, ((this.pauses.get(side) ?? 0) - Date.now()) / 1000);
     };
-    const paused = SIDES.filter((side) => rest_s(side) > 0);
-    if (paused.length === 0) return undefined;
+    const paused = SIDES.filter((side) => rest_s(side) > 0 && !isComplete(side));
+    if (paused.length === 0) return complete;
     const min = Math.ceil(Math.min(...paused.map(rest_s)) / 60);
-    return {
+    return [...complete, {
       feet: paused.length === 1 ? `No alert of the ${paused[0]} foot can come now.` : "No alert can come now.",
       rest: `The next one can come in ${min} ${min === 1 ? "minute" : "minutes"}: alerts pause after each alert, and when you ask for it.`,
-    };
+    }];
   }
 
   /**
@@ -386,8 +532,12 @@ export class Alerts {
       const why = refused.length > 0 && this.refusal ? [`The reason: ${this.refusal}.`] : [];
       fill("alerts-note", [[...partly, ...refused, ...why].join(" ")]);
     }
-    // An alert that is shown can concern further regions now.
-    if (this.shown.length > 0) this.draw();
+    if (this.open.length > 0) {
+      // An alert can concern further regions now, or none any more.
+      this.draw();
+      // The element that has the focus must not be behind the alert.
+      document.documentElement.style.setProperty("--alert", `${byId("alert").offsetHeight}px`);
+    }
     const feet = SIDES.map((side) => this.insoles.of(side));
     const daily = feet.map((session) => (session && isOfToday(session) ? session.daily : undefined));
     const present = SIDES.map((side) => this.present(side));
@@ -406,8 +556,8 @@ export class Alerts {
       return ["tr", {}, ["th", { scope: "row" }, regionTitle(name)], ...cell(minutes, name, mark), ...cell(dose, name)];
     }));
     const raised = daily.reduce((sum, load) => sum + (load?.alerts ?? 0), 0);
-    const pause = is_replay ? undefined : this.pauseText();
-    fill("today-note", [[`Alerts today: ${raised}.`, ...(pause ? [pause.feet, pause.rest] : []), ...this.dayNotes()].join(" ")]);
+    const pauses = is_replay ? [] : this.pauseTexts().flatMap(({ feet, rest }) => [feet, rest]);
+    fill("today-note", [[`Alerts today: ${raised}.`, ...pauses, ...this.dayNotes()].filter(Boolean).join(" ")]);
   }
 }
 

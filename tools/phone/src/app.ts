@@ -3,7 +3,7 @@
 import { Alerts, drawAlerts } from "./alerts";
 import { store } from "./browser_storage";
 import { dayOf } from "./days";
-import { type Node, byId, fill } from "./dom";
+import { type Node, RELOAD, byId, fill } from "./dom";
 import { errorText } from "./format";
 import type { Live, Side } from "./generated/quantities";
 import { IdentifyController } from "./identify_controller";
@@ -18,10 +18,11 @@ import { SIDES } from "./side";
 import { DatabaseStorage, NoStorage, type StepRecord, type StepStorage, TemporaryStorage } from "./step_storage";
 import { StepStore, keyedRecord } from "./step_store";
 import { drawBouts, drawDays, drawSteps } from "./steps_view";
-import { BluetoothTransport, explain } from "./transport/bluetooth";
+import { BluetoothTransport, NONE_CHOSEN, explain } from "./transport/bluetooth";
 import { ReplayTransport } from "./transport/replay";
 import type { Transport } from "./transport/transport";
 import { WebSocketTransport } from "./transport/websocket";
+import { showView } from "./views";
 import { gaitOf } from "./walk";
 import type { Wire } from "./wire";
 
@@ -77,6 +78,12 @@ export class App {
   private steps_drawn_ms = -Infinity;
   /** True if the steps view shows all days, and not only the last ones. */
   private shows_all_days = false;
+  /** True if a newer version of the page is loaded with the next reload. */
+  private has_update = false;
+  /** True if the wearer has chosen to reload the page. */
+  private is_reloading = false;
+  /** The element that received the focus last; `undefined` if the focus has left it since. */
+  private focused: Element | undefined;
   /** The day on which the steps view was updated last. */
   private drawn_day = "";
 
@@ -108,6 +115,7 @@ export class App {
    */
   async start(): Promise<void> {
     this.listen();
+    void this.showPersistence((storage) => storage.persisted?.());
     const query = new URLSearchParams(location.search);
     const replay = query.get("replay");
     if (replay !== null) void this.replay(replay);
@@ -211,7 +219,7 @@ export class App {
       await transport.connect(device);
     } catch (error) {
       if (this.insoles.transport === transport) byId("start").hidden = this.insoles.sessions.some(({ hello }) => hello);
-      this.fail(explain(error) ?? "");
+      this.fail(explain(error));
     }
     this.tick();
   }
@@ -220,17 +228,24 @@ export class App {
   private fail(problem: string): void {
     this.problem = problem;
     this.tick();
-    if (problem) byId("notes").focus();
+    byId("notes").focus();
   }
 
   /** Replaces the transport of the insoles. */
   private use(transport: Transport): void {
     this.insoles.use(transport);
-    // A browser may delete records that are not persistent if the disk is nearly full. Not every browser can make them
-    // persistent.
-    if (!transport.is_replay) void navigator.storage?.persist?.();
+    if (!transport.is_replay) void this.showPersistence((storage) => storage.persist?.());
     this.live_view.reset();
     byId("start").hidden = true;
+  }
+
+  /**
+   * Shows whether the browser may delete the stored records, for example if the disk is nearly full. Not every browser can make
+   * them persistent. `ask` asks the browser whether they are; `undefined` if it cannot answer, as over HTTP.
+   */
+  private async showPersistence(ask: (storage: StorageManager) => Promise<boolean> | undefined): Promise<void> {
+    const { storage } = navigator as { storage?: StorageManager };
+    byId("store-note").hidden = (storage && (await ask(storage)?.catch(() => false))) ?? false;
   }
 
   /** Stores and shows a record, and acknowledges it once it is stored. */
@@ -285,7 +300,8 @@ export class App {
    */
   private stepsChanged(): void {
     const { latest, days } = this.store;
-    this.is_outdated = false;
+    // The width of the diagram is known only while it is visible.
+    this.is_outdated = byId("steps").offsetParent === null;
     this.steps_drawn_ms = performance.now();
     this.drawn_day = dayOf(Date.now() / 1000);
     const today = SIDES.map((side) => days.get(this.drawn_day)?.[side].steps ?? 0);
@@ -320,6 +336,7 @@ export class App {
     this.identify.tick(now_ms);
     this.retryStoring(now_ms);
     this.alerts.sendPauses();
+    this.alerts.follow();
     // `followTimeZone` may send rules of alerts. A refusal does not name its request, so while the answer to new parameters is
     // awaited, a refusal of the rules would be taken for a refusal of the parameters.
     if (!this.identify.awaits_answer) this.alerts.followTimeZone();
@@ -349,29 +366,61 @@ export class App {
       const text = state === "live" ? rate : state === "lost" ? "lost" : "…";
       return [["span", { class: side }, `${side === "left" ? "L" : "R"} ${text}`]];
     }));
-    const note = (text: string): Node => ["p", { class: "note" }, text];
+    const reloadFor = (text: string) => (/reload/i.test(text) ? [RELOAD] : []);
+    const keyed = (kind: string, text: string, ...more: Node[]): Node => ["p", { class: kind, "data-key": text }, text, ...more];
+    const connected = insoles.transport?.is_replay ? [] : SIDES.filter((side) => insoles.of(side)?.state === "live");
     // Without these two texts, the wearer would not know why the page stores nothing.
     const is_lasting = [OTHER_TAB, CANNOT_STORE].includes(this.problem);
     const close: Node = ["button", { "data-action": "close-error" }, "Close this message"];
     fill("notes", [
-      ...(this.problem ? [["div", { class: "note" }, this.problem, ...(is_lasting ? [] : [close])] as Node] : []),
-      ...problems(insoles, live_view, this.wire.facts).map(note),
-      ...remarks(insoles, this.alerts.pauseText(), this.wire.facts),
+      ...(this.problem
+        ? [["div", { class: this.problem === NONE_CHOSEN ? "note remark" : "note" },
+            this.problem, ...reloadFor(this.problem), ...(is_lasting ? [] : [close])] as Node]
+        : []),
+      ...this.alerts.problems().map((text) => keyed("note", text)),
+      ...problems(insoles, live_view, this.wire.facts).map((text) => keyed("note", text, ...reloadFor(text))),
+      ...(this.has_update ? [keyed("note remark", "A new version of this page is ready.", RELOAD)] : []),
+      ...connected.map((side) => keyed("spoken", `The ${side} insole is connected.`)),
+      ...remarks(insoles, this.alerts.pauseTexts(), this.wire.facts),
     ]);
+    this.replaceFocus();
+  }
+
+  /** Moves the focus to the heading of the guided session or to the notes if the element that had it has disappeared. */
+  private replaceFocus(): void {
+    const { activeElement, body } = document;
+    if (activeElement !== body) return;
+    if (this.focused?.getClientRects().length === 0) {
+      const heading = body.dataset["view"] === "identify" ? byId("identify").querySelector("h2") : byId("notes");
+      heading?.focus({ preventScroll: true });
+    }
+    this.focused = undefined;
   }
 
   /** Connects the buttons and the other events of the page. */
   private listen(): void {
-    const buttons = [...document.querySelectorAll<HTMLButtonElement>("nav button")];
-    for (const button of buttons) {
-      button.onclick = () => {
-        document.body.dataset["view"] = button.dataset["to"] ?? "live";
-        buttons.forEach((other) => other.removeAttribute("aria-current"));
-        button.setAttribute("aria-current", "page");
-        if (this.is_outdated) this.stepsChanged();
-        scrollTo(0, 0);
-      };
+    const show = (view = "live") => {
+      showView(view);
+      if (this.is_outdated) this.stepsChanged();
+    };
+    for (const button of document.querySelectorAll<HTMLButtonElement>("nav button")) {
+      button.onclick = () => show(button.dataset["to"]);
     }
+    addEventListener("popstate", () => show());
+    addEventListener("resize", () => (this.is_outdated = true));
+    addEventListener("focusin", ({ target }) => (this.focused = target instanceof Element ? target : undefined));
+    // After an update of the page, its new service worker replaces the former one. On the first visit, there is no former one.
+    const { serviceWorker } = navigator as { serviceWorker?: ServiceWorkerContainer };
+    let former = serviceWorker?.controller;
+    serviceWorker?.addEventListener("controllerchange", () => {
+      this.has_update ||= Boolean(former);
+      former = serviceWorker.controller;
+    });
+    addEventListener("click", ({ target }) => {
+      if (!(target instanceof Element) || !target.closest("[data-action=reload]")) return;
+      this.is_reloading = true;
+      location.reload();
+    });
     const is_supported = BluetoothTransport.isSupported();
     const unsupported = byId("unsupported");
     unsupported.hidden = is_supported;
@@ -385,6 +434,8 @@ export class App {
     byId("days-all").onclick = () => {
       this.shows_all_days = true;
       this.stepsChanged();
+      // The button has disappeared.
+      byId("days").focus({ preventScroll: true });
     };
     byId("walk").onclick = () => void this.replay(COMPUTED_WALK);
     byId("notes").onclick = ({ target }) => {
@@ -400,9 +451,12 @@ export class App {
     };
     byId("quantity").addEventListener("change", () => this.tick());
     document.addEventListener("visibilitychange", () => this.tick());
-    // The browser asks before it discards a recording.
+    // The browser asks before it discards a recording, or ends a connection by Bluetooth.
     addEventListener("beforeunload", (event) => {
-      if (this.recorder.is_unsaved) event.preventDefault();
+      const { transport } = this.insoles;
+      const is_connected = transport instanceof BluetoothTransport && !transport.is_idle && !this.is_reloading;
+      this.is_reloading = false;
+      if (this.recorder.is_unsaved || is_connected) event.preventDefault();
     });
     this.alerts.listen();
     const showSettings = listenToSettings(this.settings, () => {

@@ -2,10 +2,11 @@
 
 import type { DayTotals } from "./days";
 import { BOUT_COLUMNS, ELLIPSE_COLUMNS, FOOT_COLUMNS, GAIT_COLUMNS, LIVE_COLUMNS, STEP_COLUMNS, type Side } from "./generated/quantities";
+import type { ToHost } from "./generated/messages";
 import type { StoredBout, StoredStep } from "./step_store";
 import type { Entry } from "./stream_file";
 import { SIDES } from "./side";
-import { INSOLES } from "./transport/transport";
+import { INSOLES, type Insole } from "./transport/transport";
 import type { Wire } from "./wire";
 
 type Cell = string | number | null;
@@ -13,39 +14,53 @@ type Cell = string | number | null;
 /** A line of a CSV file. `null` becomes an empty cell. */
 const line = (cells: readonly Cell[]) => cells.map((cell) => cell ?? "").join(",") + "\n";
 
+/** Number of rows of a part of the CSV file with live frames. */
+export const PART_ROWS = 5000;
+
 /**
- * Returns the lines of a CSV file with one row for each live frame. `unix_s` is the time of the scan on the browser's clock,
- * which is the same for both feet. It is empty if the recording contains no time message of this session of the insole. `t_s` is
- * the time of arrival since the start of the recording. `device_t_s` is the time of the scan on the insole's clock.
+ * Returns the parts of a CSV file with one row for each live frame. Only one part is in memory at a time, apart from what the
+ * browser holds of the blobs. `recorded` is iterated twice. `unix_s` is the time of the scan on the browser's clock, which is the
+ * same for both feet. It is empty if the recording contains no time message of this session of the insole. `t_s` is the time of
+ * arrival since the start of the recording. `device_t_s` is the time of the scan on the insole's clock.
  */
-export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
+export function* liveCsv(recorded: Iterable<Entry>, wire: Wire): Generator<Blob> {
   const names = wire.facts.regions.map(({ name }) => name);
   const columns = names.flatMap((name) => LIVE_COLUMNS.map((column) => `${name}_${column}`));
-  const rows = [line(["unix_s", "t_s", "side", "sequence", "device_t_s", ...columns])];
+  let rows = [line(["unix_s", "t_s", "side", "sequence", "device_t_s", ...columns])];
   const sides = new Map<number, Side>();
-  const all = [...recorded].map(({ t_ms, insole, message }) => ({ t_ms, insole, decoded: wire.decode(message) }));
   const mappings = INSOLES.map(wire.recordedClockMapping);
   // The clock of an insole begins again at each restart, and a hello follows each restart. The clock mapping is therefore
   // computed separately for the time messages between two hellos.
-  const beginSession = (first: number, of_insole: number) => {
-    const rest = all.slice(first).filter(({ insole }) => insole === of_insole);
-    const end = rest.findIndex(({ decoded }) => decoded?.kind === "hello");
-    const mapping = mappings[of_insole];
-    mapping?.clear();
-    for (const { decoded } of end < 0 ? rest : rest.slice(0, end)) if (decoded?.kind === "time") mapping?.answer(decoded);
+  const times = INSOLES.map((): Extract<ToHost, { kind: "time" }>[][] => [[]]);
+  let live_kind: number | undefined;
+  for (const { insole, message } of recorded) {
+    // Nearly all messages are live frames, which are decoded below.
+    if (message[0] === live_kind) continue;
+    const decoded = wire.decode(message);
+    if (decoded?.kind === "live") live_kind = message[0];
+    if (decoded?.kind === "hello") times[insole]?.push([]);
+    if (decoded?.kind === "time") times[insole]?.at(-1)?.push(decoded);
+  }
+  const beginSession = (insole: Insole) => {
+    mappings[insole]?.clear();
+    for (const time of times[insole]?.shift() ?? []) mappings[insole]?.answer(time);
   };
-  INSOLES.forEach((insole) => beginSession(0, insole));
-  for (const [i, { t_ms, insole, decoded }] of all.entries()) {
+  INSOLES.forEach(beginSession);
+  for (const { t_ms, insole, message } of recorded) {
+    const decoded = wire.decode(message);
     if (decoded?.kind === "hello") {
       sides.set(insole, decoded.side);
-      beginSession(i + 1, insole);
+      beginSession(insole);
     }
     if (decoded?.kind !== "live") continue;
     const values = decoded.regions.flatMap((region) => LIVE_COLUMNS.map((column) => Number(region[column])));
     const unix_s = mappings[insole]?.unix_s(decoded.t_s) ?? null;
     rows.push(line([unix_s, t_ms / 1000, sides.get(insole) ?? "", decoded.sequence, decoded.t_s, ...values]));
+    if (rows.length < PART_ROWS) continue;
+    yield new Blob(rows);
+    rows = [];
   }
-  return rows;
+  yield new Blob(rows);
 }
 
 /** Returns the lines of a CSV file with one row for each region of each step. */

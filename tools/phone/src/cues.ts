@@ -2,6 +2,9 @@
 
 import type { Cues } from "./identify_session";
 
+/** Time after its request until which a tone may begin. */
+const LATEST_TONE_MS = 1000;
+
 /** Cues by the browser's speech and sound and the phone's vibration, where they exist. */
 export class PhoneCues implements Cues {
   private audio: AudioContext | undefined;
@@ -15,11 +18,21 @@ export class PhoneCues implements Cues {
     speechSynthesis.speak(utterance);
   }
 
-  /** Sounds two tones. Browsers allow sound only after the wearer has touched the page. */
+  /** False if the wearer has not touched the page since it was loaded: until then, browsers allow no sound. */
+  get is_sound_allowed(): boolean {
+    // A browser without this property is given the benefit of the doubt.
+    return this.audio?.state === "running" || (navigator.userActivation?.hasBeenActive ?? true);
+  }
+
+  /** Sounds two tones, unless the browser allows no sound now. */
   tone(): void {
-    this.audio ??= new AudioContext();
-    const { audio } = this;
-    void audio.resume();
+    const audio = (this.audio ??= new AudioContext());
+    const requested_ms = performance.now();
+    // The browser may resume only at a touch much later. The tones that were requested until then must not sound all at once.
+    void audio.resume().then(() => performance.now() - requested_ms < LATEST_TONE_MS && this.play(audio));
+  }
+
+  private play(audio: AudioContext): void {
     for (const [start_s, frequency_hz] of [[0, 660], [0.35, 880]] as const) {
       const oscillator = new OscillatorNode(audio, { frequency: frequency_hz });
       const gain = new GainNode(audio, { gain: 0.2 });

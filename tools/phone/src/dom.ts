@@ -3,6 +3,9 @@
 /** A text, or an element: its name, its attributes and its children. */
 export type Node = string | [name: string, attributes: Record<string, string>, ...children: Node[]];
 
+/** A button that loads the page again. The installed page has no other one. */
+export const RELOAD: Node = ["button", { "data-action": "reload" }, "Reload"];
+
 /** The element of index.html with this id. Throws an error if there is none, or if it is not of this type. */
 export function byId<T extends HTMLElement = HTMLElement>(id: string, type?: new () => T): T {
   const element = document.getElementById(id);
@@ -12,14 +15,16 @@ export function byId<T extends HTMLElement = HTMLElement>(id: string, type?: new
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** The key of a button or another control among the children of an element; empty for other nodes. */
-const keyOf = (node: Node) => (typeof node === "string" ? "" : (node[1]["id"] ?? node[1]["data-action"] ?? ""));
+/** The attributes with the key of a control or a note among the children of an element. Other nodes have none. */
+const KEYS = ["id", "data-action", "data-key"];
+/** The key of a node; empty if it has none. */
+const keyOf = (node: Node) => (typeof node === "string" ? "" : (KEYS.map((name) => node[1][name]).find(Boolean) ?? ""));
 
 /** True if a child of an element can become the element or text of a node by changes of its attributes and its content. */
 function fits(child: ChildNode, node: Node): boolean {
   if (typeof node === "string") return child.nodeType === document.TEXT_NODE;
   if (!(child instanceof Element) || child.localName !== node[0]) return false;
-  return (child.id || child.getAttribute("data-action") || "") === keyOf(node);
+  return (KEYS.map((name) => child.getAttribute(name)).find(Boolean) ?? "") === keyOf(node);
 }
 
 /** Creates the element or text of a node, to be inserted into `parent`. */
@@ -54,7 +59,7 @@ function updateChildren(parent: Element, nodes: readonly Node[]): void {
   let next = parent.firstChild;
   for (const node of nodes) {
     let match = next;
-    // A control remains although other content before it has gone.
+    // A node with a key remains although other content before it has gone.
     if (keyOf(node)) while (match && !fits(match, node)) match = match.nextSibling;
     if (!match || !fits(match, node)) {
       parent.insertBefore(build(node, parent), next);
@@ -81,7 +86,7 @@ const filled = new WeakMap<Element, string>();
 
 /**
  * Replaces the content of an element, given by itself or by its id, unless it is unchanged since the last call; does nothing if
- * `into` is `null`. Controls with the same id or the same `data-action` remain, with the keyboard focus, as long as their order
+ * `into` is `null`. Nodes with the same id, `data-action` or `data-key` remain, with the keyboard focus, as long as their order
  * and their parents stay the same.
  */
 export function fill(into: string | Element | null, nodes: readonly Node[]): void {

@@ -3,6 +3,7 @@
 import { PhoneCues, ScreenWakeLock } from "./cues";
 import { byId, download, fill } from "./dom";
 import type { Live, Side, Step } from "./generated/quantities";
+import { TARGET_STEPS } from "./identify_rules";
 import { IdentifySession, type IdentifyStorage } from "./identify_session";
 import { DatabaseIdentifyStorage } from "./identify_storage";
 import { drawIdentify } from "./identify_view";
@@ -12,6 +13,7 @@ import type { Insoles } from "./insoles";
 import { type InsoleAnswer, totalForce } from "./session";
 import { type Settings, saveSettings } from "./settings";
 import { SIDES } from "./side";
+import { showView } from "./views";
 
 /** The storage that is used if the browser has no database. It stores nothing. */
 const NO_STORAGE: IdentifyStorage = {
@@ -203,9 +205,7 @@ export class IdentifyController {
 
   /** Opens the view of the guided session. */
   private show(): void {
-    document.body.dataset["view"] = "identify";
-    document.querySelectorAll("nav button").forEach((button) => button.removeAttribute("aria-current"));
-    scrollTo(0, 0);
+    showView("identify");
     this.draw();
     this.focusHeading();
   }
@@ -265,7 +265,7 @@ export class IdentifyController {
         this.begin(hellos, () => this.resume(hellos));
         break;
       case "finish":
-        session.finishWalk();
+        if (confirm(`Finish the walk before there are ${TARGET_STEPS} steps of each foot?`)) session.finishWalk();
         break;
       case "push":
         session.push(performance.now());
@@ -283,8 +283,6 @@ export class IdentifyController {
         byId("add").scrollIntoView({ block: "center" });
         byId("add").focus();
         break;
-      case "reload":
-        return location.reload();
       case "export":
         download("identification.plantar", "application/octet-stream", session.file());
         break;

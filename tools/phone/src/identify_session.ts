@@ -22,8 +22,10 @@ const STANDING_N = 50;
 const PASS_ON_MS = 1000;
 /** Least time between two spoken remarks on steps that were not used. */
 const REMARK_MS = 8000;
-/** Time without a step after which the wearer is reminded to walk. */
+/** Time without a step after which the wearer is reminded to walk, and between two reminders. */
 const REMIND_MS = 12_000;
+/** Largest number of reminders in a pause. */
+const REMINDERS = 2;
 /** An insole confirms parameters within this time; otherwise they are sent again. */
 const CONFIRM_MS = 3000;
 /** Largest number of times that the parameters are sent. */
@@ -119,7 +121,10 @@ export class IdentifySession {
   private start_unix_ms = 0;
   private passed_on_ms = 0;
   private stand_since_ms: number | undefined;
+  /** Time of the last step or reminder. */
   private last_step_ms = 0;
+  /** Number of reminders since the last step. */
+  private reminders = 0;
   private remarked_ms = -Infinity;
   private sent_ms = 0;
   private attempts = 0;
@@ -185,6 +190,7 @@ export class IdentifySession {
     [this.failure, this.regions_done, this.attempts] = ["", 0, 0];
     this.stand_since_ms = undefined;
     this.remarked_ms = -Infinity;
+    this.reminders = 0;
   }
 
   private cannotStore(): void {
@@ -252,6 +258,7 @@ export class IdentifySession {
       this.remarks.add("You began to walk before you had stood still. That is all right.");
       this.walk(now_ms);
     }
+    this.reminders = 0;
     if (this.isCollecting) {
       this.last_step_ms = now_ms;
       this.passOn(now_ms);
@@ -277,9 +284,11 @@ export class IdentifySession {
       foot.is_lost = is_lost;
     }
     if (this.isCollecting && now_ms - this.passed_on_ms >= PASS_ON_MS) this.passOn(now_ms);
-    if ((this.phase === "walk" || this.phase === "verify") && now_ms - this.last_step_ms >= REMIND_MS) {
+    const is_walk = this.phase === "walk" || this.phase === "verify";
+    if (is_walk && this.reminders < REMINDERS && now_ms - this.last_step_ms >= REMIND_MS) {
       this.last_step_ms = now_ms;
-      this.host.cues.say("Please walk.");
+      this.reminders += 1;
+      this.host.cues.say("Rest if you like; your steps so far count. Continue when you are ready.");
     }
     if (this.phase === "push" && now_ms - this.sent_ms >= CONFIRM_MS) this.push(now_ms);
   }
@@ -320,7 +329,8 @@ export class IdentifySession {
     }
     const { excluded } = collected;
     const { excluded: previous } = before;
-    const remark = excluded.broken > previous.broken ? "Data were lost. Hold the phone closer to your feet."
+    const remark = excluded.broken > previous.broken
+      ? "Stop walking. Data were lost. Hold the phone closer to your feet, then continue."
       : excluded.partial > previous.partial ? "That step had too little load. Walk straight, at your usual pace." : "";
     if (remark && now_ms - this.remarked_ms >= REMARK_MS) {
       this.remarked_ms = now_ms;
@@ -424,7 +434,7 @@ export class IdentifySession {
     if (this.sending.some(({ sent }) => sent === "waiting")) return;
     const confirmed = this.sending.filter(({ sent }) => sent === "confirmed");
     this.phase = confirmed.length > 0 ? "verify" : this.before_push;
-    this.last_step_ms = now_ms;
+    [this.last_step_ms, this.reminders] = [now_ms, 0];
     if (confirmed.length === 0) return;
     const [only, ...others] = confirmed;
     const owners = only && others.length === 0 ? `The ${only.side} insole has` : "The insoles have";

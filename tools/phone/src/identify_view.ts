@@ -131,6 +131,9 @@ function start(state: IdentifyState): Node[] {
       ["li", {}, "Wear the shoes with the insoles, the left one in the left shoe."],
       ["li", {}, "Carry the phone in your hand or in a pocket, with the sound on."],
       ["li", {}, "You need about one minute and a straight path."]],
+    ["p", {},
+      "Do not begin with an open wound or a cast, or if you were advised not to walk. A rail or a companion helps. Turn where " +
+        "you like, and stop at any time."],
     ["p", { class: sides.length === 2 ? "fine" : "note" }, feet],
     ...startProblems(state).map(note),
     ["label", { for: "shoe-size" }, "Shoe size (European)"],

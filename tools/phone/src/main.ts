@@ -1,6 +1,6 @@
 import "./style.css";
 import { App } from "./app";
-import { fill } from "./dom";
+import { RELOAD, byId, fill } from "./dom";
 import { errorText } from "./format";
 import wasm from "./phone_wire.wasm?url";
 import { Wire } from "./wire";
@@ -10,7 +10,8 @@ try {
   await new App(wire).start();
 } catch (error) {
   const problem = `The page could not start. Reload it, or use another browser. The reason: ${errorText(error)}`;
-  fill("notes", [["p", { class: "note" }, problem]]);
+  fill("notes", [["p", { class: "note" }, problem, RELOAD]]);
+  byId("notes").onclick = () => location.reload();
   throw error;
 }
 

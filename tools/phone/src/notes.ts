@@ -1,5 +1,6 @@
 /** Notes to the wearer: problems, and remarks that require no action. */
 
+import type { Pause } from "./alerts";
 import type { Node } from "./dom";
 import { regionTitle } from "./format";
 import type { Facts } from "./generated/messages";
@@ -11,7 +12,8 @@ import { SIDES } from "./side";
 /** From this number of stored records on, their arrival takes so long that a remark states it. */
 const MANY_RECORDS = 100;
 
-const remark = (...content: Node[]): Node => ["p", { class: "note remark" }, ...content];
+/** A remark. Its first text is its key, so that a screen reader speaks it only when it appears or changes. */
+const remark = (...content: Node[]): Node => ["p", { class: "note remark", "data-key": String(content[0]) }, ...content];
 
 /** Problems that affect the measurement. */
 export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): string[] {
@@ -21,7 +23,10 @@ export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): s
     notes.push(`The sensor reached its limit here: ${saturated.join(", ")}. The true forces are higher than the ones shown (▲).`);
   }
   if (masked.length > 0) {
-    notes.push(`Some sensor cells are faulty here: ${masked.join(", ")}. Their neighbours replace them (~).`);
+    notes.push(
+      `Some sensor cells are faulty here: ${masked.join(", ")}. Healthy neighbours replace them (~), if there are any; ` +
+        "others read 0, and alerts may be missing.",
+    );
   }
   return notes;
 }
@@ -82,8 +87,8 @@ function typicalParameters(insoles: Insoles, facts: Facts): Node[] {
   });
 }
 
-/** Remarks that require no action. `pause` states the pause of the alerts, see `Alerts.pauseText`. */
-export function remarks(insoles: Insoles, pause: { feet: string; rest: string } | undefined, facts: Facts): Node[] {
+/** Remarks that require no action. `pauses` states times without alerts, see `Alerts.pauseTexts`. */
+export function remarks(insoles: Insoles, pauses: readonly Pause[] = [], facts: Facts): Node[] {
   const { transport, sessions } = insoles;
   const leave: Node = ["button", { "data-action": "leave-recording" }, "Leave the recording"];
   if (transport?.is_replay) {
@@ -101,7 +106,7 @@ export function remarks(insoles: Insoles, pause: { feet: string; rest: string } 
   const reason = sessions.find((session) => session.state === "closed" && session.reason)?.reason;
   const bare = without_parameters.join(" and ") + (without_parameters.length > 1 ? " insoles" : " insole");
   return [
-    ...(pause ? [remark(pause.feet, counting(` ${pause.rest}`))] : []),
+    ...pauses.map(({ feet, rest }) => remark(feet, counting(` ${rest}`))),
     ...(without_parameters.length > 0
       ? [remark(`Your personal parameters are not on the ${bare}, so no model values are shown.`)]
       : []),
@@ -112,8 +117,9 @@ export function remarks(insoles: Insoles, pause: { feet: string; rest: string } 
     ...(changed.length > 0
       ? [
           remark(
-            `The ${changed.join(" and ")} foot or its shoe has changed since your parameters were identified. ` +
-              "Check that the insole lies flat in the shoe. If this message remains, choose \"Identify my tissue\" in the settings.",
+            `The insole measures another stiffness of the ${changed.join(" and ")} foot than at the identification. Most often it ` +
+              "has moved, or the shoe is another one. Check that it lies flat in the shoe. If this message remains, choose " +
+              '"Identify my tissue" in the settings.',
           ),
         ]
       : []),

@@ -52,7 +52,8 @@ export class Recorder {
     return this.chunks;
   }
 
-  *entries(): Generator<Entry> {
-    for (const chunk of this.chunks) yield* entries(chunk);
+  /** The messages so far. Those that are recorded during the iteration are not included. */
+  *[Symbol.iterator](): Generator<Entry> {
+    for (const chunk of [...this.chunks]) yield* entries(chunk);
   }
 }

@@ -24,6 +24,11 @@ const ELLIPSES_HZ = 25;
 const UNANSWERED_REQUESTS = 4;
 /** An insole rests if the time between two measurements is longer: it then measures twice a second, else at 20 Hz or more. */
 const RESTING_S = 0.4;
+/**
+ * Number of successive steps that ask for a new identification after which it is recommended: about one in twenty steps of a
+ * wearer who has not changed asks for it.
+ */
+const REFIT_STEPS = 20;
 /** Duration over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
 
@@ -95,6 +100,8 @@ export class Session {
   alert_rules: Uint8Array | undefined;
   /** True if the insole raises alerts; `undefined` until it has answered. */
   has_alerts: boolean | undefined;
+  /** Largest number of alerts in a day; `undefined` until the insole has answered. */
+  per_day: number | undefined;
   /** Minutes from midnight UTC to the start of the wearer's day, by the rules of alerts. */
   day_start_min: number | undefined;
   /** The contact ellipses of the last message with ellipses, by region; null for a region without contact. */
@@ -114,8 +121,8 @@ export class Session {
   readonly clock_mapping: ClockMapping;
   /** Counts the live frames of the insole. */
   readonly counter: LiveCounter;
-  /** True if the last step reports that tissue or shoe have changed so much that the parameters should be identified again. */
-  needs_refit = false;
+  /** Number of successive steps, up to the last one, of which the stiffness differs too much from that of the identification. */
+  private refit_steps = 0;
   /** Number of the last record since the hello that could not be stored, and so is not acknowledged. */
   unstored: number | undefined;
   /** The cells of the insole that have arrived. */
@@ -226,7 +233,8 @@ export class Session {
         this.daily_unix_s = Date.now() / 1000;
         return;
       case "alert_rules":
-        this.has_alerts = message.is_on;
+        this.has_alerts = message.per_day > 0;
+        this.per_day = message.per_day;
         this.day_start_min = message.day_start_min;
         this.alert_rules = bytes.slice();
         return;
@@ -294,8 +302,16 @@ export class Session {
       if (this.isKnown(message)) this.order.repeat(number);
       else if (!this.order.accepts(number, this.damaged)) return this.requestHello(now_ms);
     }
-    if (message.kind === "step") this.needs_refit = Object.values(message.step.regions).some((region) => region.refit);
+    if (message.kind === "step") {
+      const asks = Object.values(message.step.regions).some((region) => region.refit);
+      this.refit_steps = asks ? this.refit_steps + 1 : 0;
+    }
     this.onRecord(message, bytes, this);
+  }
+
+  /** True if the parameters should be identified again, unless the insole has moved in the shoe. */
+  get needs_refit(): boolean {
+    return this.refit_steps >= REFIT_STEPS;
   }
 
   /** Discards the known times of the insole's clock, and requests the present one. */

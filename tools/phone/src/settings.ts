@@ -19,6 +19,8 @@ export interface Settings {
   alert_sound: boolean;
   /** Whether an alert lets the phone vibrate. */
   alert_vibration: boolean;
+  /** Whether the screen stays on while alerts are on. */
+  alert_screen: boolean;
   /** Mean length of a stride, cm; `null` if the wearer has not stated it. */
   stride_cm: number | null;
 }
@@ -28,8 +30,9 @@ const DEFAULTS: Settings = {
   mass_unit: "kg",
   force_unit: "N",
   shoe_size: 42,
-  alert_sound: false,
+  alert_sound: true,
   alert_vibration: true,
+  alert_screen: false,
   stride_cm: null,
 };
 
@@ -64,6 +67,7 @@ export function loadSettings(storage: () => Storage): Settings {
       shoe_size: Number.isInteger(shoe_size) ? Math.min(46, Math.max(35, shoe_size as number)) : DEFAULTS.shoe_size,
       alert_sound: oneOf("alert_sound", false, true),
       alert_vibration: oneOf("alert_vibration", false, true),
+      alert_screen: oneOf("alert_screen", false, true),
       stride_cm: stated("stride_cm"),
     };
   } catch {

@@ -1,6 +1,6 @@
 /** The settings view: the wearer, the connected insoles, recording and export. */
 
-import { boutsCsv, daysCsv, liveCsv, stepsCsv } from "./csv";
+import { PART_ROWS, boutsCsv, daysCsv, liveCsv, stepsCsv } from "./csv";
 import { dayOf, midnight_unix_s } from "./days";
 import { type Node, byId, download, fill } from "./dom";
 import { errorText } from "./format";
@@ -12,6 +12,8 @@ import { KG_PER_LB, LIMITS, type Settings, isWithinLimits, saveSettings } from "
 import { sideTitle } from "./side";
 import type { Records, StepStore } from "./step_store";
 import type { Wire } from "./wire";
+
+const NOT_EXPORTED = "The browser could not save this file. Choose \"Export recording\" instead.";
 
 /**
  * The number that the wearer has entered for a setting. `factor` converts it to the unit of the setting: `KG_PER_LB` for pounds.
@@ -65,14 +67,16 @@ export function listenToSettings(settings: Settings, changed: () => void): () =>
     saveSettings(() => localStorage, settings);
     changed();
   };
+  // While the wearer types, the value is not complete.
+  for (const field of [mass, stride]) field.oninput = () => clearError(field);
   // A typing error does not delete the last valid value.
-  mass.oninput = () => {
+  mass.onchange = () => {
     const entered = enteredNumber(mass, "body_mass_kg", kg_factor(), settings.mass_unit);
     if (entered === undefined) return;
     settings.body_mass_kg = entered;
     save();
   };
-  stride.oninput = () => {
+  stride.onchange = () => {
     const entered = enteredNumber(stride, "stride_cm", 1, "cm");
     if (entered === undefined) return;
     settings.stride_cm = entered;
@@ -113,31 +117,40 @@ export function listenToExport(
     }
     updateRecording(recorder, insoles);
   };
-  const exportRecording = (name: string, type: string, parts: BlobPart[]) => {
+  byId("export-stream").onclick = () => {
     recorder.is_unsaved = false;
-    download(name, type, parts);
+    download("walk.plantar", "application/octet-stream", recorder.file());
   };
-  byId("export-live").onclick = () => exportRecording("plantar_live.csv", "text/csv", liveCsv(recorder.entries(), wire));
-  byId("export-stream").onclick = () => exportRecording("walk.plantar", "application/octet-stream", recorder.file());
   const nameOf = (what: string, since_unix_s: number | undefined) => {
     // The steps of a recording must not be mistaken for those of the wearer.
     const origin = insoles.transport?.is_replay ? "recording" : "plantar";
     return `${origin}_${what}${since_unix_s === undefined ? "" : `_from_${dayOf(since_unix_s)}`}.csv`;
   };
-  const exportRecords = (id: string, what: string, csv: (records: Records) => string[]) => {
+  /** Saves a file by `save`, which calls its argument with the number of records so far; shows `problem` if this fails. */
+  const prepare = (id: string, problem: string, save: (progress: (records: number) => void) => Promise<void>) => {
     const button = byId(id, HTMLButtonElement);
     // One file at a time: the button shows the progress of the present one.
     if (button.getAttribute("aria-busy") === "true") return;
     const title = button.textContent;
-    const progress = (records: number) => fill(button, [`Preparing the file: ${records} records`]);
     button.setAttribute("aria-busy", "true");
-    const since_unix_s = periodStart_unix_s();
-    exportCsv(store(), nameOf(what, since_unix_s), since_unix_s, csv, progress)
-      .catch(() => failed("The browser cannot read the stored steps. Reload the page and try again."))
+    save((records) => fill(button, [`Preparing the file: ${records} records`]))
+      .catch(() => failed(problem))
       .finally(() => {
         button.setAttribute("aria-busy", "false");
         fill(button, [title]);
       });
+  };
+  byId("export-live").onclick = () => prepare("export-live", NOT_EXPORTED, (progress) =>
+    exportLive(recorder, wire, progress).catch((error: unknown) => {
+      recorder.is_unsaved = true;
+      throw error;
+    }),
+  );
+  const exportRecords = (id: string, what: string, csv: (records: Records) => string[]) => {
+    const since_unix_s = periodStart_unix_s();
+    prepare(id, "The browser cannot read the stored steps. Reload the page and try again.", (progress) =>
+      exportCsv(store(), nameOf(what, since_unix_s), since_unix_s, csv, progress),
+    );
   };
   byId("export-bouts").onclick = () => exportRecords("export-bouts", "load_bouts", ({ bouts }) => boutsCsv(bouts));
   byId("export-steps").onclick = () => exportRecords("export-steps", "steps", ({ steps }) => stepsCsv(steps));
@@ -185,6 +198,20 @@ async function exportCsv(
   download(name, "text/csv", blobs);
 }
 
+/** Saves the recording as a CSV file, in parts as {@link exportCsv}. `progress` is called with the number of rows. */
+async function exportLive(recorder: Recorder, wire: Wire, progress: (rows: number) => void): Promise<void> {
+  // Messages that are recorded from now on are not in the file.
+  recorder.is_unsaved = false;
+  const blobs: Blob[] = [];
+  for (const blob of liveCsv(recorder, wire)) {
+    blobs.push(blob);
+    progress(blobs.length * PART_ROWS);
+    // The page receives messages between the parts.
+    await new Promise((resolve) => setTimeout(resolve));
+  }
+  download("plantar_live.csv", "text/csv", blobs);
+}
+
 /** Updates the details of the insoles and the state of the buttons. To be called a few times a second. */
 export function updateSettingsView(insoles: Insoles, recorder: Recorder, now_ms: number): void {
   fill("insoles", insoles.sessions.flatMap((session) => insoleDetails(session, now_ms)));
@@ -217,7 +244,9 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
 function updateRecording(recorder: Recorder, insoles: Insoles): void {
   const record = byId("record", HTMLButtonElement);
   record.disabled = !insoles.transport;
-  record.setAttribute("aria-pressed", String(recorder.isRecording));
-  fill(record, [recorder.isRecording ? `Stop recording (${recorder.seconds().toFixed(0)} s)` : "Record live values"]);
+  record.className = recorder.isRecording ? "primary" : "";
+  // A screen reader would speak the time again with each change.
+  const time: Node = ["span", { "aria-hidden": "true" }, ` (${recorder.seconds().toFixed(0)} s)`];
+  fill("record", recorder.isRecording ? ["Stop recording", time] : ["Record live values"]);
   for (const id of ["export-live", "export-stream"]) byId(id, HTMLButtonElement).disabled = recorder.isEmpty;
 }

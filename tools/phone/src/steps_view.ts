@@ -142,7 +142,10 @@ function card(name: string, value: string, detail: string): Node {
 
 /** A diagram of the peak force of the last steps of each foot. */
 function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
-  const [width, height, left, bottom] = [360, 150, 40, 22];
+  // One unit is one CSS pixel, so that the texts have the size of `font-size`. The margins follow the browser's size of texts.
+  const em = 0.75 * parseFloat(getComputedStyle(document.documentElement).fontSize);
+  const width = byId("trend").clientWidth || 360;
+  const [height, left, top, bottom] = [12 * em, 3.2 * em, 0.7 * em, 1.8 * em];
   const series = SIDES.map((side) => ({
     side,
     values: stepsOf(steps, side)
@@ -158,7 +161,7 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
   const longest = Math.max(2, ...series.map(({ values }) => values.length));
   // The last step of each foot is at the right end.
   const x = (i: number, count: number) => left + ((longest - count + i) / (longest - 1)) * (width - left - 8);
-  const y = (value: number) => 8 + ((high - value) / (high - low)) * (height - bottom - 8);
+  const y = (value: number) => top + ((high - value) / (high - low)) * (height - bottom - top);
   const unit = unitOf(settings);
   return [
     [
@@ -166,9 +169,9 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
       { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `Peak force of the last steps, ${unit}` },
       ...[low, (low + high) / 2, high].flatMap((value): Node[] => [
         ["path", { class: "grid", d: `M${left} ${y(value)}H${width}` }],
-        ["text", { x: String(left - 6), y: String(y(value) + 4), "text-anchor": "end" }, String(Math.round(value))],
+        ["text", { x: String(left - 6), y: String(y(value) + em / 3), "text-anchor": "end" }, String(Math.round(value))],
       ]),
-      ["text", { x: String(width - 4), y: String(height - 4), "text-anchor": "end" }, "last step"],
+      ["text", { x: String(width - 4), y: String(height - em / 3), "text-anchor": "end" }, "last step"],
       ...series.flatMap(({ side, values }): Node[] => {
         const points = values.map((value, i) => `${x(i, values.length).toFixed(1)} ${y(value).toFixed(1)}`);
         // Circles for left and squares for right, so that colour is not the only difference.

@@ -1,5 +1,6 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { Alerts } from "../src/alerts";
+import { PhoneCues } from "../src/cues";
 import type { ToHost } from "../src/generated/messages";
 import type { Alert, Side } from "../src/generated/quantities";
 import type { Insoles } from "../src/insoles";
@@ -13,8 +14,9 @@ vi.mock("../src/dom", async () => (await import("./elements")).dom);
 
 const wire = await loadWire();
 /** Replaces the document of the page. */
-const page = Object.assign(new EventTarget(), { hidden: false });
+const page = Object.assign(new EventTarget(), { hidden: false, documentElement: { style: { setProperty: () => undefined } } });
 const vibrate = vi.fn();
+const tone = vi.fn();
 /** The contents of `localStorage`. */
 const items = new Map<string, string>();
 /** The page's handler of changes of `localStorage` by other tabs. */
@@ -22,6 +24,8 @@ let storageChanged: (event: { key: string }) => void;
 
 beforeEach(() => {
   vi.useFakeTimers();
+  vi.clearAllMocks();
+  vi.spyOn(PhoneCues.prototype, "tone").mockImplementation(tone);
   items.clear();
   const setItem = (key: string, value: string) => void items.set(key, value);
   vi.stubGlobal("localStorage", { getItem: (key: string) => items.get(key) ?? null, setItem });
@@ -55,7 +59,7 @@ function connect(side: Side, answered: (answer: InsoleAnswer, session: Session) 
 
 /** The message with rules of alerts for a day that begins this many minutes after midnight of this device's time zone. */
 const rules = (is_on: boolean, after_min = 0): ToHost => ({
-  kind: "alert_rules", is_on, day_start_min: (new Date().getTimezoneOffset() + 1440 + after_min) % 1440,
+  kind: "alert_rules", per_day: is_on ? 20 : 0, day_start_min: (new Date().getTimezoneOffset() + 1440 + after_min) % 1440,
 });
 
 /** The alerts of the page with two insoles, which do not raise alerts yet. */
@@ -73,6 +77,22 @@ function start() {
 }
 
 const [box, note] = [element("alerts-on"), element("alerts-note")];
+
+/** An alert about sustained load of these regions, and about the dose of others. */
+const alertOf = (side: Side, sustained: string[], dose: string[] = []) =>
+  ({ side, starts_ago: 0, start_s: 0, sustained, dose, advice: `Unload your ${side} foot.` }) as unknown as Alert;
+
+/** The page runs for this time, and each connected insole of `loaded` reports these regions as being under sustained load. */
+function run({ alerts }: { alerts: Alerts }, duration_s: number, ...loaded: [ReturnType<typeof connect>, string[]][]): void {
+  for (let t_s = 0; t_s < duration_s; t_s += 1) {
+    if (t_s % 5 === 0) for (const [{ session, receive }, regions] of loaded) if (session.state === "live") receive(daily(...regions));
+    alerts.follow();
+    if (!page.hidden) alerts.update();
+    vi.advanceTimersByTime(1000);
+  }
+  alerts.follow();
+  alerts.update();
+}
 
 /** The wearer turns the alerts on. The left insole accepts this, and the right one answers with a refusal. */
 function turnOn({ alerts, left, right }: ReturnType<typeof start>): void {
@@ -149,7 +169,7 @@ test("a signal in a hidden page is repeated when the page becomes visible, unles
     page.dispatchEvent(new Event("visibilitychange"));
   };
   setHidden(true);
-  alerts.raise({ side: "left", starts_ago: 0, start_s: 0, advice: "Unload your left foot." } as Alert, null, undefined);
+  alerts.raise(alertOf("left", ["heel"]), null, undefined);
   expect(vibrate).toHaveBeenCalledTimes(1);
   setHidden(false);
   expect(vibrate).toHaveBeenCalledTimes(2);
@@ -182,10 +202,10 @@ test("an insole with a day from midnight UTC, or as this page has set it before,
   };
   const [of_left, of_right] = counts() as [number, number];
   // Somebody has chosen another time for the right insole.
-  left.receive({ kind: "alert_rules", is_on: true, day_start_min: 0 });
-  right.receive({ kind: "alert_rules", is_on: true, day_start_min: 240 });
+  left.receive({ kind: "alert_rules", per_day: 20, day_start_min: 0 });
+  right.receive({ kind: "alert_rules", per_day: 20, day_start_min: 240 });
   expect(counts()).toEqual([of_left + 1, of_right]);
-  left.receive({ kind: "alert_rules", is_on: true, day_start_min: 420 });
+  left.receive({ kind: "alert_rules", per_day: 20, day_start_min: 420 });
   expect(counts()).toEqual([of_left + 1, of_right]);
   // The wearer travels.
   offset_min.mockReturnValue(360);
@@ -194,7 +214,7 @@ test("an insole with a day from midnight UTC, or as this page has set it before,
   left.receive(hello(wire.facts.major));
   const connected = left.sent.length;
   expect(counts()).toEqual([connected, of_right]);
-  left.receive({ kind: "alert_rules", is_on: true, day_start_min: 0 });
+  left.receive({ kind: "alert_rules", per_day: 20, day_start_min: 0 });
   expect(counts()).toEqual([connected + 1, of_right]);
   offset_min.mockRestore();
 });
@@ -247,7 +267,7 @@ test("a pause is neither sent to an insole with a longer one, nor after the cloc
   alerts.sendPauses();
   expect(pauses(right)).toBe(1);
   element("alert-snooze").onclick();
-  expect(alerts.pauseText()?.rest).toContain("30 minutes");
+  expect(alerts.pauseTexts()[0]?.rest).toContain("30 minutes");
   alerts.forget();
   load(right, 0);
   alerts.sendPauses();
@@ -282,10 +302,10 @@ test("a pause applies after a reload of the page, to the insole of each foot, an
   items.set("plantar.alerts_paused_until_ms.right", String(Date.now()));
   vi.advanceTimersByTime(60_000);
   const { alerts, left, right } = start();
-  expect(alerts.pauseText()).toEqual({
+  expect(alerts.pauseTexts()).toEqual([{
     feet: "No alert of the left foot can come now.",
     rest: "The next one can come in 29 minutes: alerts pause after each alert, and when you ask for it.",
-  });
+  }]);
   for (const { receive } of [left, right]) receive({ kind: "daily_load", load: { snoozed_s: 0 } } as ToHost);
   alerts.sendPauses();
   expect([pauses(left), pauses(right)]).toEqual([[wire.snoozeAlerts(29 * 60)], []]);
@@ -299,7 +319,7 @@ test("an alert of a recording pauses no insole of the wearer", () => {
   const { alerts } = start();
   Object.assign(alerts["insoles"], { transport: { is_replay: true } });
   element("alert-snooze").onclick();
-  expect(alerts.pauseText()).toBeUndefined();
+  expect(alerts.pauseTexts()).toEqual([]);
 });
 
 /** The load of the day of a foot in which these regions are under sustained load. */
@@ -308,7 +328,7 @@ const daily = (...sustained: string[]) =>
 
 test("a region that comes under sustained load after the alert is added to it", () => {
   const { alerts, left, right } = start();
-  alerts.raise({ side: "left", starts_ago: 0, start_s: 0, sustained: ["hallux"], dose: [], advice: "Unload." } as unknown as Alert, null, undefined);
+  alerts.raise(alertOf("left", ["hallux"]), null, undefined);
   left.receive(daily("hallux"));
   right.receive(daily("toe_2"));
   alerts.update();
@@ -349,7 +369,7 @@ test("a day of an insole that does not begin at midnight of this device is named
 test("an alert states its time, and is closed when the wearer closes it in another tab", () => {
   vi.setSystemTime(new Date(2026, 0, 1, 10, 42));
   const { alerts } = start();
-  const alert = { side: "left", starts_ago: 0, start_s: 0, dose: [], advice: "Unload your left foot." } as unknown as Alert;
+  const alert = alertOf("left", ["heel"]);
   alerts.raise(alert, Date.now() / 1000 - 60, undefined);
   expect(element("alert-text").content).toMatch(/Raised at 10:41/);
   storageChanged({ key: "plantar.settings" });
@@ -379,4 +399,180 @@ test("without an insole, the switch has its last known state, and the page state
   all.alerts.listen();
   all.alerts.update();
   expect(box.indeterminate).toBe(true);
+});
+
+test("the touch that turns alerts on lets the phone sound once, unless the wearer has turned the sound off", () => {
+  const { alerts } = start();
+  const touch = (is_on: boolean) => {
+    box.checked = is_on;
+    box.onchange();
+    return tone.mock.calls.length;
+  };
+  expect([touch(true), touch(false)]).toEqual([1, 1]);
+  element("alert-sound").checked = false;
+  element("alert-sound").onchange();
+  expect(touch(true)).toBe(1);
+  expect(alerts["settings"].alert_sound).toBe(false);
+});
+
+test("the signal of an alert is repeated for about five minutes, unless the wearer closes it or the region is relieved", () => {
+  const all = start();
+  all.alerts.raise(alertOf("left", ["heel"]), null, undefined);
+  run(all, 44, [all.left, ["heel"]]);
+  expect(tone).toHaveBeenCalledTimes(1);
+  run(all, 2, [all.left, ["heel"]]);
+  expect(tone).toHaveBeenCalledTimes(2);
+  run(all, 1200, [all.left, ["heel"]]);
+  expect(tone).toHaveBeenCalledTimes(7);
+  for (const end of [() => element("alert-close").onclick(), () => run(all, 6, [all.left, []])]) {
+    all.alerts.raise(alertOf("left", ["heel"]), Date.now() / 1000, undefined);
+    run(all, 6, [all.left, ["heel"]]);
+    tone.mockClear();
+    end();
+    run(all, 300);
+    expect(tone).not.toHaveBeenCalled();
+  }
+});
+
+test("an alert of any age is shown exactly while its region is under sustained load, as far as the insole is connected", () => {
+  const all = start();
+  const { left, right } = all;
+  const banner = element("alert");
+  all.alerts.restore([{ alert: alertOf("left", ["heel", "hallux"]), start_unix_s: Date.now() / 1000 - 3 * 3600 }] as never);
+  run(all, 4);
+  expect(banner.hidden).toBe(true);
+  // The other foot, and another region.
+  run(all, 10, [left, ["toe_2"]], [right, ["heel"]]);
+  expect([banner.hidden, tone.mock.calls.length]).toEqual([true, 0]);
+  run(all, 600, [left, ["hallux"]]);
+  expect(banner.hidden).toBe(false);
+  run(all, 6, [left, ["toe_2"]]);
+  expect(banner.hidden).toBe(true);
+  tone.mockClear();
+  run(all, 6, [left, ["heel"]]);
+  expect([banner.hidden, tone.mock.calls.length]).toEqual([false, 1]);
+  // Without a connection, the last report counts for five minutes.
+  left.session.closed("out of reach");
+  run(all, 280);
+  expect(banner.hidden).toBe(false);
+  run(all, 30);
+  expect(banner.hidden).toBe(true);
+  left.receive({ ...hello(wire.facts.major), side: "left" } as ToHost);
+  run(all, 6, [left, ["heel"]]);
+  expect(banner.hidden).toBe(false);
+});
+
+test("a load of the day that arrived before the alert does not end it", () => {
+  const all = start();
+  all.left.receive(daily());
+  all.alerts.raise(alertOf("left", ["heel"]), null, undefined);
+  run(all, 4);
+  expect(element("alert").hidden).toBe(false);
+  run(all, 2, [all.left, []]);
+  expect(element("alert").hidden).toBe(true);
+});
+
+test("an alert about a dose is shown until the wearer closes it or its day ends", () => {
+  vi.setSystemTime(new Date(2026, 0, 1, 9));
+  const all = start();
+  const hidden = () => {
+    all.alerts.update();
+    return element("alert").hidden;
+  };
+  all.alerts.raise(alertOf("left", ["heel"], ["heel"]), Date.now() / 1000, undefined);
+  run(all, 600, [all.left, []]);
+  vi.setSystemTime(new Date(2026, 0, 1, 23, 59));
+  expect([hidden(), tone.mock.calls.length]).toEqual([false, 7]);
+  vi.setSystemTime(new Date(2026, 0, 2, 0, 1));
+  expect(hidden()).toBe(true);
+});
+
+test("after the last alert of the day, no time of a next one is stated", () => {
+  const { alerts, left, right } = start();
+  for (const { receive } of [left, right]) receive(rules(true));
+  const load = (alerts: number) => ({ kind: "daily_load", load: { snoozed_s: 1190, alerts, sustained: [], regions: {} } }) as unknown as ToHost;
+  left.receive(load(20));
+  right.receive(load(19));
+  const complete = "The largest number of alerts of a day is reached: no more of the left foot come today.";
+  expect(alerts.pauseTexts().map(({ feet }) => feet)).toEqual([complete, "No alert of the right foot can come now."]);
+  right.receive(load(20));
+  alerts.update();
+  expect(element("today-note").content).toContain(`Alerts today: 40. ${complete} `);
+  expect(element("today-note").content).not.toContain("can come");
+});
+
+test("a foot of which no alerts can come although the wearer wants them is named, and signalled once", () => {
+  const all = start();
+  const { left, right } = all;
+  box.checked = true;
+  box.onchange();
+  left.receive(rules(true));
+  run(all, 4);
+  tone.mockClear();
+  // The right insole did not change its rules.
+  const off = "No alerts of the right foot: they are off on its insole. Turn them on in the settings.";
+  expect([all.alerts.problems(), tone.mock.calls.length]).toEqual([[off], 0]);
+  right.receive(rules(true));
+  run(all, 1);
+  expect(all.alerts.problems()).toEqual([]);
+  tone.mockClear();
+  left.session.closed("out of reach");
+  run(all, 115);
+  expect([all.alerts.problems(), tone.mock.calls.length]).toEqual([[], 0]);
+  run(all, 300);
+  expect(all.alerts.problems()).toEqual([expect.stringMatching(/^No alerts of the left foot: its insole is not connected. /)]);
+  expect(tone).toHaveBeenCalledTimes(1);
+  left.session.state = "other-host";
+  run(all, 1);
+  expect(all.alerts.problems()).toEqual([expect.stringMatching(/^No alerts of the left foot: another phone /)]);
+  // After a reload of the page, the wish is known, and the sides of insoles that were connected before.
+  const reloaded = start();
+  for (const { session } of [reloaded.left, reloaded.right]) session.closed("out of reach");
+  run(reloaded, 130);
+  expect(reloaded.alerts.problems()).toHaveLength(2);
+  Object.assign(reloaded.alerts["insoles"], { transport: { is_replay: true } });
+  run(reloaded, 1);
+  expect(reloaded.alerts.problems()).toEqual([]);
+});
+
+test("feet of which the wearer does not want alerts are not named", () => {
+  const all = start();
+  all.left.session.closed("out of reach");
+  run(all, 300);
+  expect(all.alerts.problems()).toEqual([]);
+  box.checked = true;
+  box.onchange();
+  box.checked = false;
+  box.onchange();
+  run(all, 300);
+  expect([all.alerts.problems(), items.get("plantar.alerts_wanted")]).toEqual([[], ""]);
+});
+
+test("while alerts are on and the page was not touched, the wearer is asked to touch it, because the browser allows no sound", () => {
+  const userActivation = { hasBeenActive: false };
+  vi.stubGlobal("navigator", { vibrate, userActivation });
+  const { alerts, left } = start();
+  expect(alerts.problems()).toEqual([]);
+  left.receive(rules(true));
+  expect(alerts.problems()).toEqual(["Touch the page once, to allow the sound of alerts."]);
+  userActivation.hasBeenActive = true;
+  expect(alerts.problems()).toEqual([]);
+});
+
+test("the screen stays on while alerts are on, if the wearer has chosen it", async () => {
+  const lock = { released: false, release: async () => void (lock.released = true) };
+  const request = vi.fn(async () => lock);
+  vi.stubGlobal("navigator", { vibrate, wakeLock: { request } });
+  const all = start();
+  element("alert-screen").checked = true;
+  element("alert-screen").onchange();
+  run(all, 1);
+  expect([request.mock.calls.length, tone.mock.calls.length]).toEqual([0, 0]);
+  all.left.receive(rules(true));
+  run(all, 1);
+  await vi.advanceTimersByTimeAsync(1);
+  expect([request.mock.calls.length, lock.released]).toEqual([1, false]);
+  all.left.receive(rules(false));
+  run(all, 1);
+  expect(lock.released).toBe(true);
 });

@@ -26,12 +26,21 @@ async function explanation(bluetooth: object): Promise<string | undefined> {
   return explain(await connect.catch((error: unknown) => error));
 }
 
-test("a cancelled choice of an insole needs no message", async () => {
-  expect(await explanation({ requestDevice: notFound, getAvailability: async () => true })).toBeUndefined();
+test("if no insole was chosen, the permission that Android may have refused is named: the error is the same", async () => {
+  const expected = /No insole was chosen. If no list appeared, allow Bluetooth \("Nearby devices",.* in the phone's settings/;
+  for (const getAvailability of [async () => true, undefined]) {
+    expect(await explanation({ requestDevice: notFound, getAvailability })).toMatch(expected);
+  }
 });
 
-test("a device without Bluetooth is reported, although the error is that of a cancelled choice", async () => {
-  expect(await explanation({ requestDevice: notFound, getAvailability: async () => false })).toMatch(/Bluetooth is not available/);
+test("Bluetooth that is missing, off or blocked is reported, although the error is that of a cancelled choice", async () => {
+  const expected = /Bluetooth is off, or not allowed for this page/;
+  expect(await explanation({ requestDevice: notFound, getAvailability: async () => false })).toMatch(expected);
+});
+
+test("a page that must not use Bluetooth is reported", async () => {
+  const requestDevice = () => Promise.reject(new DOMException("", "SecurityError"));
+  expect(await explanation({ requestDevice, getAvailability: async () => true })).toMatch(/Bluetooth is not allowed/);
 });
 
 test("an insole without the services of the page is reported, although the error is that of a cancelled choice", async () => {

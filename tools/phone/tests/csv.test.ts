@@ -1,10 +1,10 @@
 import { readFileSync } from "node:fs";
-import { beforeAll, expect, test } from "vitest";
-import { daysCsv, liveCsv, stepsCsv } from "../src/csv";
+import { beforeAll, expect, test, vi } from "vitest";
+import { PART_ROWS, daysCsv, liveCsv, stepsCsv } from "../src/csv";
 import { Insoles } from "../src/insoles";
 import { Recorder } from "../src/recorder";
 import type { StoredStep } from "../src/step_store";
-import { MAX_MESSAGE, entries, entry } from "../src/stream_file";
+import { type Entry, MAX_MESSAGE, entries, entry } from "../src/stream_file";
 import { ReplayTransport } from "../src/transport/replay";
 import type { TransportEvents } from "../src/transport/transport";
 import type { Wire } from "../src/wire";
@@ -24,10 +24,16 @@ function timeMessage(host_us: number, device_us: number): Uint8Array {
 /** The computed walk without its time messages. */
 const withoutTimes = () => [...entries(walk)].filter(({ message }) => wire.decode(message)?.kind !== "time");
 
+/** The lines of the CSV file with live frames. */
+async function liveRows(recorded: Iterable<Entry>): Promise<string[]> {
+  const text = await new Blob([...liveCsv(recorded, wire)]).text();
+  return text.trimEnd().split("\n");
+}
+
 const cells = (row: string) => row.trimEnd().split(",");
 
-test("a live row has the time of arrival, the side, the insole's time, and seven values for each region", () => {
-  const rows = liveCsv(withoutTimes(), wire);
+test("a live row has the time of arrival, the side, the insole's time, and seven values for each region", async () => {
+  const rows = await liveRows(withoutTimes());
   const head = cells(rows[0]!);
   expect(head.slice(0, 5)).toEqual(["unix_s", "t_s", "side", "sequence", "device_t_s"]);
   expect(head).toHaveLength(5 + 8 * 7);
@@ -39,27 +45,42 @@ test("a live row has the time of arrival, the side, the insole's time, and seven
   expect([right[0], right[1], right[3], right[4]]).toEqual(["", "0.525", "0", "0"]);
 });
 
-test("the times of both feet are those of the browser's clock if the recording contains time messages", () => {
+test("the times of both feet are those of the browser's clock if the recording contains time messages", async () => {
   const recorded = withoutTimes();
   // The page sent its requests 1000 s after the start of 1970. At this time, the clock of the left insole showed 0.5 s and the
   // clock of the right insole 0.1 s.
   const answers: [0 | 1, number][] = [[0, 500_000], [1, 100_000]];
   const times = answers.map(([insole, device_us]) => ({ t_ms: 0, insole, message: timeMessage(1_000_000_000, device_us) }));
-  const rows = liveCsv([...recorded, ...times], wire).slice(1).map(cells);
+  const rows = (await liveRows([...recorded, ...times])).slice(1).map(cells);
   for (const [side, device_s] of [["left", 0.5], ["right", 0.1]] as const) {
     const first = rows.find((row) => row[2] === side)!;
     expect(Number(first[0])).toBeCloseTo(1000 - device_s + Number(first[4]), 5);
   }
 });
 
-test("after a restart of the insole, the times are those of its new clock", () => {
+test("after a restart of the insole, the times are those of its new clock", async () => {
   const left = withoutTimes().filter(({ insole }) => insole === 0);
   const session = (host_us: number) => [...left, { t_ms: 0, insole: 0 as const, message: timeMessage(host_us, 500_000) }];
-  const rows = liveCsv([...session(1_000_000_000), ...session(2_000_000_000)], wire).slice(1).map(cells);
+  const rows = (await liveRows([...session(1_000_000_000), ...session(2_000_000_000)])).slice(1).map(cells);
   const count = rows.length / 2;
   for (const [row, host_s] of [[rows[0]!, 1000], [rows[count]!, 2000]] as const) {
     expect(Number(row[0])).toBeCloseTo(host_s - 0.5 + Number(row[4]), 5);
   }
+});
+
+test("a long recording is exported in parts, so that few decoded frames are in memory at once", async () => {
+  const [first, ...frames] = withoutTimes().filter(({ message }) => ["hello", "live"].includes(wire.decode(message)!.kind));
+  const recorded = [first!, ...Array.from({ length: 20 }, () => frames).flat()];
+  const live = recorded.filter(({ message }) => message[0] === frames.at(-1)!.message[0]).length;
+  expect(live).toBeGreaterThan(2 * PART_ROWS);
+  const decode = vi.spyOn(wire, "decode");
+  const parts = liveCsv(recorded, wire);
+  const blobs = [parts.next().value as Blob];
+  expect(decode.mock.calls.length).toBeLessThan(1.1 * PART_ROWS);
+  decode.mockRestore();
+  blobs.push(...parts);
+  const rows = (await new Blob(blobs).text()).trimEnd().split("\n");
+  expect([blobs.length, rows.length]).toEqual([Math.ceil((1 + live) / PART_ROWS), 1 + live]);
 });
 
 test("a step has one row for each region", () => {
@@ -100,7 +121,7 @@ test("a recording begins with the hello messages and ends when it is stopped", (
   recorder.add(1, frame!, 1020);
   recorder.stop();
   recorder.add(1, frame!, 1030);
-  expect([...recorder.entries()]).toEqual([
+  expect([...recorder]).toEqual([
     { t_ms: 0, insole: 1, message: hello },
     { t_ms: 20, insole: 1, message: frame },
   ]);
@@ -147,7 +168,7 @@ test("a message of an impossible length is counted as damaged and is not recorde
   const [hello] = messagesOf(0);
   const received = [hello!, new Uint8Array(0), new Uint8Array(MAX_MESSAGE + 1)];
   for (const message of received) insoles.transportEvents.message(0, message);
-  expect([...recorder.entries()].map(({ message }) => message)).toEqual([hello]);
+  expect([...recorder].map(({ message }) => message)).toEqual([hello]);
   expect(insoles.sessions[0]?.damaged).toBe(2);
 });
 

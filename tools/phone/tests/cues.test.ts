@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { ScreenWakeLock } from "../src/cues";
+import { PhoneCues, ScreenWakeLock } from "../src/cues";
 
 /** The wake locks that the browser has granted. */
 let locks: { released: boolean; release: () => Promise<void> }[];
@@ -70,4 +70,33 @@ test("the screen wake lock ends with `release`, also if the browser grants it on
   screen.release();
   await vi.advanceTimersByTimeAsync(100);
   expect(held()).toBe(0);
+});
+
+test("tones that the browser does not allow do not sound later, all at once", async () => {
+  const allow: (() => void)[] = [];
+  let sounds = 0;
+  const node = { connect: () => node, start: () => (sounds += 1), stop: () => undefined };
+  vi.stubGlobal("OscillatorNode", function () { return node; });
+  vi.stubGlobal("GainNode", function () { return node; });
+  class FakeAudio {
+    state = "suspended";
+    currentTime = 0;
+    resume = () => (this.state === "running" ? Promise.resolve() : new Promise<void>((resolve) => allow.push(resolve)));
+    constructor() {
+      allow.push(() => (this.state = "running"));
+    }
+  }
+  vi.stubGlobal("AudioContext", FakeAudio);
+  const cues = new PhoneCues();
+  cues.tone();
+  await vi.advanceTimersByTimeAsync(45_000);
+  cues.tone();
+  await vi.advanceTimersByTimeAsync(45_000);
+  allow.forEach((resolve) => resolve());
+  await vi.advanceTimersByTimeAsync(1);
+  expect([sounds, cues.is_sound_allowed]).toEqual([0, true]);
+  cues.tone();
+  await vi.advanceTimersByTimeAsync(1);
+  // A signal has two tones.
+  expect(sounds).toBe(2);
 });

@@ -70,6 +70,17 @@ test("a button does not become the button of another action", () => {
   expect(element.children[0]).toBe(second);
 });
 
+test("a note remains the same element when others come and go before it, so that a screen reader does not speak it again", () => {
+  const note = (key: string): Node => ["p", { "data-key": key }, key];
+  const { element, refill } = filled([note("b"), note("c")]);
+  const [b, c] = element.children;
+  refill([note("a"), note("b"), note("c")]);
+  expect(element.text()).toBe("papbpc");
+  expect(element.children.slice(1)).toEqual([b, c]);
+  refill([note("c")]);
+  expect([element.text(), element.children[0] === c]).toEqual(["pc", true]);
+});
+
 test("the content around a select changes, but not the select", () => {
   const select = (size: string): Node => ["select", { id: "size" }, ["option", {}, size]];
   const { element, refill } = filled([select("42"), "1"]);

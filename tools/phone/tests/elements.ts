@@ -18,6 +18,7 @@ export class FakeElement {
   addEventListener = (): void => undefined;
   setAttribute = (name: string, value: string): void => void (this.attributes[name] = value);
   querySelector = (): null => null;
+  scrollIntoView = (): void => undefined;
 }
 
 const elements = new Map<string, FakeElement>();

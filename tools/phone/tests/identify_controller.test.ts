@@ -39,6 +39,7 @@ beforeEach(() => {
   // A browser without Web Locks.
   vi.stubGlobal("navigator", {});
   vi.stubGlobal("scrollTo", () => undefined);
+  vi.stubGlobal("history", { pushState: () => undefined });
   vi.stubGlobal("confirm", () => true);
   vi.stubGlobal("Element", Button);
   vi.stubGlobal("Worker", class { postMessage = () => undefined; });
@@ -66,6 +67,18 @@ test("an interrupted session is deleted together with the other data of the page
   const { controller } = await load();
   await controller.deleteStored();
   expect([controller.has_stored, stored]).toEqual([false, []]);
+});
+
+test("an accidental touch does not end the walk before it has all steps", async () => {
+  const { controller, act } = await load();
+  const finish = vi.spyOn(controller["session"], "finishWalk").mockReturnValue();
+  const confirm = vi.fn(() => false);
+  vi.stubGlobal("confirm", confirm);
+  act("finish");
+  expect([confirm.mock.calls.length, finish.mock.calls.length]).toEqual([1, 0]);
+  confirm.mockReturnValue(true);
+  act("finish");
+  expect(finish).toHaveBeenCalledOnce();
 });
 
 test("an interrupted session that another tab has deleted is no longer offered", async () => {

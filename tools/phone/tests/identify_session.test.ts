@@ -275,7 +275,7 @@ test("a foot without steps is named and is not fitted", () => {
   expect(session.pushable().map(({ side }) => side)).toEqual(["left"]);
 });
 
-test("a lost link and a long pause are announced", () => {
+test("a lost link is announced", () => {
   const { session, said } = start(["left"]);
   session.step("left", anyStep(), "a", 0);
   session.tick(100, ["left"]);
@@ -284,8 +284,27 @@ test("a lost link and a long pause are announced", () => {
   expect(session.problems().join()).toContain("The left insole is not connected");
   session.tick(300, []);
   expect(said.at(-1)).toBe("The left insole is connected again. Continue to walk.");
-  session.tick(20_000, []);
-  expect(said.at(-1)).toBe("Please walk.");
+});
+
+test("a wearer who rests is reminded at most twice in each pause, and not asked to walk", () => {
+  const { session, said } = start(["left"]);
+  const rest = (from_ms: number) => {
+    session.step("left", anyStep(), `${from_ms}`, from_ms);
+    said.length = 0;
+    for (let s = 0; s < 120; s += 1) session.tick(from_ms + 1000 * s, []);
+    return said;
+  };
+  const reminder = "Rest if you like; your steps so far count. Continue when you are ready.";
+  expect(rest(0)).toEqual([reminder, reminder]);
+  expect(rest(200_000)).toEqual([reminder, reminder]);
+});
+
+test("a wearer who is to hold the phone closer to the feet is first asked to stop", () => {
+  const { session, said, count } = start();
+  session.step("left", anyStep(), "a", 10);
+  count(collected("left", 1), collected("right", 1));
+  count(collected("left", 1, { broken: 1 }), collected("right", 1));
+  expect(said.at(-1)).toMatch(/^Stop walking\. Data were lost\. Hold the phone closer to your feet/);
 });
 
 test("a wearer who has to stand is not asked to walk when the link returns", () => {

@@ -69,6 +69,10 @@ test("the wearer knows before the session that an insole will not accept the res
   expect(startProblems({ insoles, now_ms: 0 }).join()).toMatch(/left insole will not accept the result.*--accept-parameters/);
 });
 
+test("before the session, the wearer knows when not to walk", () => {
+  expect(view("closed")).toMatch(/open wound or a cast.*rail or a companion.*stop at any time/);
+});
+
 test("an interrupted session can be deleted without an insole", () => {
   expect(view("closed", [], true)).toContain('"data-action":"discard"');
   expect(view("closed")).not.toContain('"data-action":"discard"');

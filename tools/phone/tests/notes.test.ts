@@ -22,8 +22,8 @@ test("regions with parameters that are not known to be the wearer's are named", 
 test("all remarks that apply are shown", () => {
   const session = { state: "live", hello: { has_parameters: false }, typical: [], records_waiting: 200, needs_refit: true };
   const insoles = { transport: {}, sessions: [session], of: (side: string) => (side === "left" ? session : undefined) };
-  const all = remarks(insoles as unknown as Insoles, { feet: "No alert can come now.", rest: "The next one can come in 5 minutes." }, FACTS).map((remark) => JSON.stringify(remark));
-  const parts = ["The next one can come in 5 minutes.", "Your personal parameters are not on the left insole", "200 steps", "The left foot or its shoe"];
+  const all = remarks(insoles as unknown as Insoles, [{ feet: "No alert can come now.", rest: "The next one can come in 5 minutes." }], FACTS).map((remark) => JSON.stringify(remark));
+  const parts = ["The next one can come in 5 minutes.", "Your personal parameters are not on the left insole", "200 steps", "another stiffness of the left foot than at the identification"];
   expect(all).toHaveLength(parts.length);
   parts.forEach((part, i) => expect(all[i]).toContain(part));
 });
@@ -49,4 +49,10 @@ test("a gap in a recording is not reported as a lost connection", () => {
   const text = (is_replay: boolean) => problems({ transport: { is_replay }, sessions } as unknown as Insoles, live_view, FACTS).join();
   expect(text(false)).toMatch(/connection to the left insole is lost.*stores your steps/);
   expect(text(true)).toBe("The recording has no data of the left insole here.");
+});
+
+test("faulty cells without healthy neighbours, of which alerts may be missing, are mentioned", () => {
+  const live_view = { saturatedRegions: [], maskedRegions: ["left heel"] } as unknown as LiveView;
+  const text = problems({ transport: {}, sessions: [] } as unknown as Insoles, live_view, FACTS).join();
+  expect(text).toMatch(/faulty here: left heel.*others read 0, and alerts may be missing/);
 });

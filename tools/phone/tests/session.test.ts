@@ -603,3 +603,22 @@ test("an insole rests while it measures twice a second, but not if most of its f
   // The wearer stands on the insole.
   expect([rests(62, 6.52), rests(63, 6.53)]).toEqual([true, false]);
 });
+
+test("a new identification is recommended only after 20 successive steps that ask for it", () => {
+  let number = 0;
+  const regions = (refit: boolean) => ({ heel: { refit: false }, hallux: { refit } }) as unknown as Step["regions"];
+  let refit = false;
+  const { session } = start(() => ({ kind: "step", key: String(number), step: step({ step: number++, regions: regions(refit) }) }));
+  /** Receives steps; returns after how many of them the identification was recommended, and `undefined` if it was not. */
+  const walk = (count: number, asks: boolean) => {
+    refit = asks;
+    const recommended = Array.from({ length: count }, () => {
+      session.receive(new Uint8Array(1), 10_000);
+      return session.needs_refit;
+    });
+    return recommended.includes(true) ? recommended.indexOf(true) + 1 : undefined;
+  };
+  session.opened(0);
+  expect([walk(5, true), walk(1, false), walk(19, true), walk(1, false), walk(25, true)]).toEqual([undefined, undefined, undefined, undefined, 20]);
+  expect(walk(1, false)).toBeUndefined();
+});

@@ -23,6 +23,7 @@ test("the settings are those that were stored", () => {
     shoe_size: 39,
     alert_sound: true,
     alert_vibration: false,
+    alert_screen: true,
     stride_cm: 150,
   };
   saveSettings(storage, settings);
@@ -30,7 +31,7 @@ test("the settings are those that were stored", () => {
 });
 
 test("invalid stored settings have their defaults", () => {
-  const invalid = { mass_unit: "stone", force_unit: 1, shoe_size: "42", alert_sound: "yes", alert_vibration: null };
+  const invalid = { mass_unit: "stone", force_unit: 1, shoe_size: "42", alert_sound: "yes", alert_vibration: null, alert_screen: 1 };
   for (const [body_mass_kg, stride_cm] of [[0.9, 9], [701, 401], [-70, -150], ["70", null]]) {
     const storage = () => ({ getItem: () => JSON.stringify({ ...invalid, body_mass_kg, stride_cm }) }) as unknown as Storage;
     expect(loadSettings(storage)).toEqual(loadSettings(blocked));

@@ -69,13 +69,23 @@ test("a typing error does not delete the body mass, and a change in another tab 
   const mass = element("mass");
   const type = (value: string) => {
     Object.assign(mass, { value, valueAsNumber: value === "" ? NaN : Number(value), validity: { badInput: false } });
+    // The first digit of a value is no value.
     mass.oninput();
+    mass.onchange();
     return settings.body_mass_kg;
   };
   expect([type("80"), type("5000"), mass.attributes["aria-invalid"], type(""), type("70")]).toEqual([80, 80, "true", null, 70]);
   Object.assign(settings, { body_mass_kg: 65, force_unit: "%BW" });
   show();
   expect([mass.value, element("force-unit").value]).toEqual(["65.0", "%BW"]);
+});
+
+test("the time of a recording is not part of the name of its button, which a screen reader would speak again and again", () => {
+  const recorder = new Recorder();
+  recorder.start(0, []);
+  updateSettingsView({ transport: {}, sessions: [] } as unknown as Insoles, recorder, 0);
+  const { content } = element("record");
+  expect(JSON.parse(content)).toEqual(["Stop recording", ["span", { "aria-hidden": "true" }, " (0 s)"]]);
 });
 
 test.each([

@@ -10,8 +10,8 @@ key: string, step: Step, } | { "kind": "bout",
 key: string, bout: Bout, } | { "kind": "alert",
 /** Identifies the alert. It does not change when an insole sends the alert again. */
 key: string, alert: Alert, } | { "kind": "alert_rules",
-/** True if the insole raises alerts. */
-is_on: boolean,
+/** Largest number of alerts in a day; 0 if the insole raises none. */
+per_day: number,
 /** Minutes from midnight UTC to the start of the wearer's day. */
 day_start_min: number, } | { "kind": "daily_load", load: DailyLoad, } | { "kind": "status" } & Status | { "kind": "tissue",
 /** Identifies the tissue parameters of the insole; 0 if the insole has none. */

@@ -7,6 +7,10 @@ import { INSOLES, type Insole, type Transport, type TransportEvents } from "./tr
 
 /** Length of the longest value, bytes, that can be written with the smallest ATT MTU. Web Bluetooth does not report the MTU. */
 const VALUE_BYTES = 20;
+/** No insole was chosen: the wearer cancelled the choice, or the phone or the browser showed no list. The errors are equal. */
+export const NONE_CHOSEN =
+  'No insole was chosen. If no list appeared, allow Bluetooth ("Nearby devices", on older phones also Location) for the ' +
+  "browser in the phone's settings.";
 const NO_SERVICE =
   "The insole does not offer what this page needs. Update its firmware with plantar update, then try again.";
 /** An insole does not let a phone that is not paired subscribe to its characteristics. */
@@ -62,10 +66,11 @@ export class BluetoothTransport implements Transport {
     this.freeIndex();
     const options = { filters: [{ services: [this.gatt.service] }], optionalServices: ["battery_service"] };
     const device = await navigator.bluetooth.requestDevice(options).catch(async (error: unknown) => {
-      // Browsers report a missing adapter by the same error as a choice that the wearer cancelled. Some cannot state whether
-      // there is one.
+      if (nameOf(error) !== "NotFoundError") throw error;
+      // The error is the same without an adapter, or if a setting blocks Bluetooth. Some browsers cannot state whether it is so.
       const is_available = await navigator.bluetooth.getAvailability?.();
-      throw is_available === false ? new Error("Bluetooth is not available. Switch it on, then try again.") : error;
+      const off = "Bluetooth is off, or not allowed for this page. Switch it on or allow it, then try again.";
+      throw new Error(is_available === false ? off : NONE_CHOSEN);
     });
     if ([...this.insoles.values()].some((known) => known.device.id === device.id)) {
       throw new Error("This insole is connected already. Choose the other one.");
@@ -97,7 +102,6 @@ export class BluetoothTransport implements Transport {
       await this.open(insole, connected);
     } catch (error) {
       this.remove(insole, connected);
-      // For the choice of an insole, the same error states that the wearer cancelled it.
       throw nameOf(error) === "NotFoundError" ? new Error(NO_SERVICE) : error;
     }
   }
@@ -185,10 +189,9 @@ export class BluetoothTransport implements Transport {
 /** The name of an error of the browser; empty for other errors. */
 const nameOf = (error: unknown) => (error instanceof DOMException ? error.name : "");
 
-/** The message for the wearer after an error; `undefined` if the wearer cancelled the choice of an insole. */
-export function explain(error: unknown): string | undefined {
+/** The message for the wearer after an error. */
+export function explain(error: unknown): string {
   const name = nameOf(error);
-  if (name === "NotFoundError") return undefined;
   if (name === "SecurityError" || name === "NotAllowedError") {
     return "Bluetooth is not allowed for this page. Allow it in the browser's settings for this site, then try again.";
   }

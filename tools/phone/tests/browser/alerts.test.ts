@@ -1,6 +1,7 @@
 /** Alerts and the load of the day on the built page in Chromium. */
 
 import { readFileSync } from "node:fs";
+import type { BrowserContext, Page } from "playwright-core";
 import { expect, test } from "vitest";
 import { entries, entry } from "../../src/stream_file";
 import { PHONE, phonePath, servedBrowser } from "./browser";
@@ -13,6 +14,24 @@ const [GET_ALERT_RULES, SET_ALERT_RULES, GET_DAILY_LOAD, SNOOZE_ALERTS] = [22, 2
 const NUMBER = 6;
 
 const served = servedBrowser();
+
+/** A page without a vibration motor and a loudspeaker: it counts the calls. */
+async function countingPage(context: BrowserContext): Promise<Page> {
+  const page = await context.newPage();
+  await page.addInitScript(() => {
+    const counts = { vibrations: 0, tones: 0 };
+    Object.assign(window, { counts });
+    navigator.vibrate = () => ((counts.vibrations += 1), true);
+    const start = OscillatorNode.prototype.start;
+    OscillatorNode.prototype.start = function (when?: number) {
+      counts.tones += 1;
+      start.call(this, when);
+    };
+  });
+  return page;
+}
+
+const counts = (page: Page) => page.evaluate(() => (window as unknown as { counts: { vibrations: number; tones: number } }).counts);
 
 const f32 = (value: number) => [...new Uint8Array(Float32Array.of(value).buffer)];
 
@@ -36,25 +55,13 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   const timeless = [...walk].filter(({ message }) => message[0] !== TIME);
   const insoles = new FakeInsoles(new Uint8Array(Buffer.concat([...timeless, ALERT_ENTRY].map(entry))), 1);
   const context = await served.browser.newContext({ viewport: PHONE });
-  const page = await context.newPage();
-  // The browser of the test has no vibration motor and no loudspeaker, so the calls are counted.
-  await page.addInitScript(() => {
-    const counts = { vibrations: 0, tones: 0 };
-    Object.assign(window, { counts });
-    navigator.vibrate = () => ((counts.vibrations += 1), true);
-    const start = OscillatorNode.prototype.start;
-    OscillatorNode.prototype.start = function (when?: number) {
-      counts.tones += 1;
-      start.call(this, when);
-    };
-    localStorage.setItem("plantar.settings", JSON.stringify({ alert_sound: true }));
-  });
+  const page = await countingPage(context);
   await insoles.serve(page);
   await page.goto(served.url);
   const banner = page.locator("#alert");
   await banner.waitFor();
   const advice =
-    "Unload your left foot: sit down and lift it, or shift your weight. It carried load here for most of the last 15 minutes: heel and big toe.";
+    "Sit, and hold your left foot off the floor for 4 minutes. It carried load here for most of the last 15 minutes: heel and big toe.";
   expect(await banner.locator("p").textContent()).toMatch(new RegExp(`^${advice} Raised at .*\\d:\\d\\d`));
   // The alert remains in view.
   await page.locator("#quantity").scrollIntoViewIfNeeded();
@@ -66,7 +73,8 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   const { y, height } = (await page.locator("#alert-snooze").boundingBox())!;
   expect(y + height).toBeLessThanOrEqual(bar.y);
   await page.setViewportSize(PHONE);
-  expect(await page.evaluate(() => (window as unknown as { counts: object }).counts)).toEqual({ vibrations: 1, tones: 2 });
+  // A browser without a screen allows sound although the page was not touched.
+  expect(await counts(page)).toEqual({ vibrations: 1, tones: 2 });
   await expect.poll(() => insoles.acknowledged.map(([, bytes]) => bytes[0])).toContain(NUMBER);
   await page.screenshot({ path: phonePath("tests/screenshots/alert.png") });
 
@@ -118,7 +126,7 @@ test("an alert without a known time is shown before the first live frame", async
 test("the wearer turns the alerts of both insoles on and off", async () => {
   const insoles = new FakeInsoles(new Uint8Array(readFileSync(phonePath("public/walk.plantar"))), 1);
   const context = await served.browser.newContext({ viewport: PHONE, timezoneId: "Asia/Kolkata" });
-  const page = await context.newPage();
+  const page = await countingPage(context);
   await insoles.serve(page);
   await page.goto(served.url);
   await page.locator("nav [data-to=settings]").click();
@@ -136,8 +144,49 @@ test("the wearer turns the alerts of both insoles on and off", async () => {
   expect(await box.isChecked()).toBe(false);
   await box.check();
   await expect.poll(() => sets().slice(2)).toEqual([on, on]);
+  await expect.poll(() => counts(page)).toEqual({ vibrations: 1, tones: 2 });
   await box.scrollIntoViewIfNeeded();
   await page.screenshot({ path: phonePath("tests/screenshots/alert-settings.png") });
+  insoles.stop();
+  await context.close();
+});
+
+/** The element that has the focus, if neither it nor a part of it is visible; otherwise `undefined`. */
+const hiddenFocus = (page: Page) =>
+  page.evaluate(() => {
+    const element = document.activeElement;
+    // After the last element of the page, the focus leaves it.
+    if (!element || element === document.body) return undefined;
+    const { left, top, width, height } = element.getBoundingClientRect();
+    const shares = [0.02, 0.25, 0.5, 0.75, 0.98];
+    const visible = shares.some((x) => shares.some((y) => element.contains(document.elementFromPoint(left + x * width, top + y * height))));
+    return visible ? undefined : `${element.id || element.textContent}: at ${top} to ${top + height}, scrolled by ${scrollY}`;
+  });
+
+test.each([[422, 195], [195, 422], [390, 844]])("an alert hides no control that has the focus: %i by %i pixels", async (width, height) => {
+  const walk = [...entries(new Uint8Array(readFileSync(phonePath("public/walk.plantar"))))];
+  const hello = walk.find(({ insole }) => insole === ALERT_ENTRY.insole)!;
+  const insoles = new FakeInsoles(new Uint8Array(Buffer.concat([hello, ALERT_ENTRY].map(entry))), 1);
+  const context = await served.browser.newContext({ viewport: { width, height } });
+  const page = await context.newPage();
+  await insoles.serve(page);
+  await page.goto(served.url);
+  await page.locator("#alert").waitFor();
+  await page.locator("nav [data-to=settings]").click();
+  await page.locator("#alert-close").focus();
+  const hidden: (string | undefined)[] = [];
+  // From the alert to the buttons of the views, and back.
+  for (const key of ["Tab", "Shift+Tab"]) {
+    for (let count = 0; count < 20; count++) {
+      await page.keyboard.press(key);
+      hidden.push(await hiddenFocus(page));
+    }
+  }
+  expect(hidden.filter(Boolean)).toEqual([]);
+  // The focus does not get lost with the button that closes the alert.
+  await page.locator("#alert-close").press("Enter");
+  await page.locator("#alert").waitFor({ state: "hidden" });
+  await expect.poll(() => page.evaluate(() => document.activeElement?.id)).toBe("notes");
   insoles.stop();
   await context.close();
 });

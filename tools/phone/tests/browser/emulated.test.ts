@@ -58,7 +58,7 @@ test.skipIf(!plantar || !firmware)("an emulated walk is shown in two pages, each
       expect(await page.locator("#chips").innerText()).toMatch(/^L \d+ Hz$/);
       // The only note: the insole of `plantar serve` has typical parameters.
       const note = "The model values of the left foot are computed with parameters that are not known to be yours.";
-      expect(await page.locator("#notes").innerText()).toBe(note);
+      expect(await page.locator("#notes .note").allInnerTexts()).toEqual([note]);
     }
     // Stored steps are shown again after a reload.
     await one.bringToFront();

@@ -201,11 +201,15 @@ test.skipIf(!walk)("a lost link, a foot without an insole and a small number of 
   await page.locator("#chips", { hasText: /L \d+ Hz/ }).waitFor();
   await openSession(page);
   await page.getByText("Only the left insole is connected.").waitFor();
+  // A screen reader speaks this text when it appears.
+  const spoken = page.locator("#notes .spoken");
+  expect(await spoken.allTextContents()).toEqual(["The left insole is connected."]);
   await act(page, "start").click();
   insoles.speed = FAST;
   await expect.poll(() => good(page, "left"), { timeout: 30_000 }).toBeGreaterThanOrEqual(4);
   insoles.is_connected = false;
   await page.getByText("The left insole is not connected. Hold the phone closer").waitFor();
+  expect(await spoken.count()).toBe(0);
   await page.getByText("make its result uncertain").waitFor();
   await act(page, "finish").click();
   await page.getByText(/Only \d steps of the left foot: its result is uncertain/).waitFor({ timeout: 60_000 });

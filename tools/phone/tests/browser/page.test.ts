@@ -21,6 +21,21 @@ beforeAll(() => {
 
 /** Shows a view of the page. */
 const show = (page: Page, view: string) => page.locator(`nav [data-to=${view}]`).click();
+/** Enters a value, and leaves the field. */
+async function enter(page: Page, field: string, value: string): Promise<void> {
+  await page.locator(field).fill(value);
+  await page.locator(field).blur();
+}
+/** True if the element that has the focus matches `selector`. */
+const has_focus = (page: Page, selector: string) =>
+  page.waitForFunction((selector) => document.activeElement?.matches(selector), selector).then(() => true);
+/** Replaces the browser's Bluetooth by one that offers an insole which never answers. */
+const offerInsole = (page: Page) =>
+  page.addInitScript(() => {
+    const gatt = { connect: () => new Promise(() => undefined), disconnect: () => undefined };
+    const device = { id: "insole", addEventListener: () => undefined, gatt };
+    Object.defineProperty(Navigator.prototype, "bluetooth", { value: { requestDevice: () => Promise.resolve(device) } });
+  });
 /** Shows the steps, and waits until the table has at least this many. Steps are drawn only where they can be seen. */
 async function waitForSteps(page: Page, least: number): Promise<void> {
   // On a wide screen, they are always visible.
@@ -189,7 +204,7 @@ test("with a body mass, forces are shown in % of body weight, and the mass is st
   const page = await open(served.browser, replay, { viewport: PHONE });
   await show(page, "settings");
   await page.locator("#mass-unit").selectOption("lb");
-  await page.locator("#mass").fill("176.4");
+  await enter(page, "#mass", "176.4");
   await page.locator("#force-unit").selectOption("%BW");
   expect(await page.evaluate(() => localStorage.getItem("plantar.settings"))).toContain("80.01");
   await page.reload();
@@ -213,8 +228,8 @@ test("a body mass or stride length out of range is refused with the limits", asy
     [700, 400, ["", ""]],
     [701, 401, [kg, cm]],
   ] as const) {
-    await page.locator("#mass").fill(String(mass_kg));
-    await page.locator("#stride").fill(String(stride_cm));
+    await enter(page, "#mass", String(mass_kg));
+    await enter(page, "#stride", String(stride_cm));
     expect(await notes()).toEqual(expected);
     // A value that is refused does not replace the last valid one.
     if (expected[0] === "") last = { body_mass_kg: mass_kg, stride_cm };
@@ -223,10 +238,20 @@ test("a body mass or stride length out of range is refused with the limits", asy
   await page.locator("#mass-unit").selectOption("lb");
   expect(await notes()).toEqual(["", cm]);
   // 700 kg are 1543.2 lb.
-  await page.locator("#mass").fill("1544");
+  await enter(page, "#mass", "1544");
   expect(await notes()).toEqual(["Enter 3 to 1543 lb. Other values are not used.", cm]);
-  await page.locator("#mass").fill("");
-  await page.locator("#stride").fill("");
+  await enter(page, "#mass", "");
+  await enter(page, "#stride", "");
+  expect(await notes()).toEqual(["", ""]);
+  // The first digits of a value are no error, and are not stored.
+  for (const field of ["#mass", "#stride"]) {
+    await page.locator(field).pressSequentially("8");
+    expect(await notes()).toEqual(["", ""]);
+  }
+  expect(await stored()).toMatchObject({ stride_cm: null });
+  await page.locator("#stride").blur();
+  expect(await notes()).toEqual(["", cm]);
+  await page.locator("#stride").pressSequentially("0");
   expect(await notes()).toEqual(["", ""]);
   await page.close();
 });
@@ -249,6 +274,90 @@ test("live values are recorded and exported, and steps are exported", async () =
     expect(rows.length).toBeGreaterThan(button === "export-live" ? 100 : 8);
   }
   await page.close();
+});
+
+test.each([1, 2])("the texts of the diagram follow the size of texts, also on a narrow screen (%i times)", async (times) => {
+  const page = await open(served.browser, replay, { viewport: { width: 320, height: 844 } });
+  await page.addStyleTag({ content: `:root { font-size: ${17 * times}px !important }` });
+  await waitForSteps(page, 3);
+  const texts = page.locator("#trend text");
+  const shown = await texts.evaluateAll((texts) => {
+    const svg = document.querySelector("#trend svg")!.getBoundingClientRect();
+    return texts.map((text) => {
+      const { left, right, top, bottom } = text.getBoundingClientRect();
+      const px = parseFloat(getComputedStyle(text).fontSize) * (text as SVGTextElement).getScreenCTM()!.a;
+      return { px, is_inside: left >= svg.left && right <= svg.right && top >= svg.top && bottom <= svg.bottom };
+    });
+  });
+  expect(shown.length).toBe(4);
+  for (const { px, is_inside } of shown) {
+    // Three quarters of the size of other texts, 17 px.
+    expect([px.toFixed(1), is_inside]).toEqual([(12.75 * times).toFixed(1), true]);
+  }
+  // After the screen was turned, the diagram is as wide as the screen, and its texts have the same size.
+  await page.setViewportSize({ width: 640, height: 320 });
+  await page.waitForFunction(() => Number(document.querySelector("#trend svg")?.getAttribute("viewBox")?.split(" ")[2]) > 500);
+  await page.close();
+});
+
+test("the installed page can be turned", () => {
+  expect(JSON.parse(readFileSync(join(DIST, "manifest.webmanifest"), "utf8"))).not.toHaveProperty("orientation");
+});
+
+test("the focus does not return to the start of the page when its element disappears", async () => {
+  const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
+  await page.locator("#start h2").waitFor();
+  await page.locator("#walk").press("Enter");
+  await page.locator("#start").waitFor({ state: "hidden" });
+  expect(await has_focus(page, "#notes")).toBe(true);
+  await show(page, "settings");
+  await page.locator("#identify-open").click();
+  await page.locator("[data-action=start]").press("Enter");
+  await page.locator("[data-action=close]").waitFor();
+  // The buttons of a phase disappear when it ends by itself.
+  await page.evaluate(() => {
+    const button = document.querySelector<HTMLElement>("[data-action=close]")!;
+    button.focus();
+    button.remove();
+  });
+  expect(await has_focus(page, "#identify h2")).toBe(true);
+  await page.close();
+});
+
+test("the page offers to reload once a new version controls it, but not on the first visit", async () => {
+  const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
+  await page.evaluate(async () => {
+    const { serviceWorker } = navigator;
+    await serviceWorker.ready;
+    while (!serviceWorker.controller) await new Promise((resolve) => setTimeout(resolve, 50));
+  });
+  const note = page.getByText("A new version of this page is ready.");
+  await page.waitForTimeout(300);
+  expect(await note.count()).toBe(0);
+  await page.evaluate(() => navigator.serviceWorker.dispatchEvent(new Event("controllerchange")));
+  await note.waitFor();
+  await Promise.all([page.waitForEvent("load"), page.getByRole("button", { name: "Reload" }).click()]);
+  await page.locator("#start h2").waitFor();
+  expect(await note.count()).toBe(0);
+  await page.close();
+});
+
+test.each([
+  [false, true],
+  [true, false],
+  [undefined, true],
+])("if storage is persistent: %s, a note on lost steps is shown: %s", async (persisted, is_shown) => {
+  const context = await served.browser.newContext({ viewport: PHONE });
+  await context.addInitScript((persisted) => {
+    const storage = persisted === undefined ? undefined : { persisted: async () => persisted };
+    Object.defineProperty(Navigator.prototype, "storage", { get: () => storage });
+  }, persisted);
+  const page = await context.newPage();
+  await page.goto(`${served.url}?bluetooth`);
+  await page.locator("#start h2").waitFor();
+  await show(page, "settings");
+  expect(await page.getByText("This browser may delete your steps.").isVisible()).toBe(is_shown);
+  await context.close();
 });
 
 test("the page works offline after one visit", async () => {
@@ -282,12 +391,13 @@ test("a recording that does not exist is reported", async () => {
   await context.close();
 });
 
-test("a page that cannot start reports it", async () => {
+test("a page that cannot start reports it, and can be loaded again", async () => {
   const context = await served.browser.newContext({ viewport: PHONE });
   await context.route("**/phone_wire-*.wasm", (route) => route.fulfill({ status: 404 }));
   const page = await context.newPage();
   await page.goto(served.url);
   await page.getByText("The page could not start.").waitFor();
+  await Promise.all([page.waitForEvent("load"), page.getByRole("button", { name: "Reload" }).click()]);
   await context.close();
 });
 
@@ -406,15 +516,39 @@ describe("without insoles", () => {
     await show(page, "settings");
     await page.locator("#force-unit").selectOption("%BW");
     await page.locator("#force-unit-note", { hasText: "Enter your body mass." }).waitFor();
-    await page.locator("#mass").fill("80");
+    await enter(page, "#mass", "80");
     expect(await page.locator("#force-unit-note").textContent()).toBe("");
+    await page.close();
+  });
+
+  test("while an insole is connected over Bluetooth, neither Back nor pulling down ends the connection unasked", async () => {
+    const page = await served.browser.newPage({ viewport: PHONE });
+    await offerInsole(page);
+    const dialogs: string[] = [];
+    page.on("dialog", (dialog) => {
+      dialogs.push(dialog.type());
+      void dialog.dismiss();
+    });
+    await page.goto(`${served.url}?bluetooth`);
+    await page.locator("#connect").click();
+    expect(await has_focus(page, "#notes")).toBe(true);
+    for (const view of ["steps", "settings"]) await show(page, view);
+    // Back shows the live view, also from a view that was shown later.
+    await page.evaluate(() => history.back());
+    await page.locator("body[data-view=live]").waitFor();
+    expect(await page.locator("nav [aria-current]").getAttribute("data-to")).toBe("live");
+    expect(dialogs).toEqual([]);
+    await page.evaluate(() => history.back());
+    await expect.poll(() => dialogs).toEqual(["beforeunload"]);
+    expect(await page.locator("body").getAttribute("data-view")).toBe("live");
+    expect(await page.evaluate(() => getComputedStyle(document.documentElement).overscrollBehaviorY)).toBe("none");
     await page.close();
   });
 
   test("the guided session leads to the button that connects the insoles, and its errors come into view", async () => {
     const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
     await page.evaluate(() => {
-      const bluetooth = { requestDevice: () => Promise.reject(new DOMException("", "NotAllowedError")) };
+      const bluetooth = { requestDevice: () => Promise.reject(new DOMException("", "SecurityError")) };
       Object.defineProperty(navigator, "bluetooth", { value: bluetooth });
     });
     await show(page, "settings");
@@ -433,19 +567,28 @@ describe("without insoles", () => {
     await page.close();
   });
 
-  test("the page explains how to allow Bluetooth if it is denied, and shows no note if the wearer chooses no insole", async () => {
-    for (const [name, words] of [["NotAllowedError", "Bluetooth is not allowed"], ["NotFoundError", ""]] as const) {
+  test("the page explains how to allow Bluetooth, by a remark if the wearer may have cancelled the choice", async () => {
+    // Chrome reports a refused permission of Android and a cancelled choice by the second error, and so Bluetooth that a setting
+    // of the site blocks, but then as not available.
+    for (const [name, is_available, words, count] of [
+      ["SecurityError", true, "Bluetooth is not allowed", 1],
+      ["NotFoundError", true, "No insole was chosen.", 0],
+      ["NotFoundError", false, "Bluetooth is off, or not allowed", 1],
+    ] as const) {
       const context = await served.browser.newContext({ viewport: PHONE });
-      await context.addInitScript((name) => {
-        const bluetooth = { requestDevice: () => Promise.reject(new DOMException("", name)) };
+      await context.addInitScript(([name, is_available]) => {
+        const requestDevice = () => Promise.reject(new DOMException("", name));
+        const bluetooth = { requestDevice, getAvailability: async () => is_available };
         Object.defineProperty(Navigator.prototype, "bluetooth", { value: bluetooth });
-      }, name);
+      }, [name, is_available] as const);
       const page = await context.newPage();
       await page.goto(`${served.url}?bluetooth`);
       await page.locator("#connect").click();
       await page.waitForFunction((words) => document.querySelector("#notes")?.textContent?.includes(words), words);
-      expect(await page.locator("#notes .note:not(.remark)").count()).toBe(words ? 1 : 0);
+      expect(await page.locator("#notes .note:not(.remark)").count()).toBe(count);
       await page.locator("#start h2").waitFor();
+      await page.getByRole("button", { name: "Close this message" }).press("Enter");
+      expect(await has_focus(page, "#notes")).toBe(true);
       await context.close();
     }
   });

@@ -142,6 +142,7 @@ test("the table shows all days on request, and a period can be exported", async 
   await page.locator("#days-all").click();
   expect(await days(page)).toHaveLength(DAYS);
   expect(await page.locator("#days-all").isVisible()).toBe(false);
+  expect(await page.evaluate(() => document.activeElement?.id)).toBe("days");
 
   await page.locator("nav [data-to=settings]").click();
   /** The name and the rows of an exported file, without the header line. */

@@ -47,8 +47,8 @@ pub(crate) enum Message {
     },
     /// The rules of alerts.
     AlertRules {
-        /// True if the insole raises alerts.
-        is_on: bool,
+        /// Largest number of alerts in a day; 0 if the insole raises none.
+        per_day: u8,
         /// Minutes from midnight UTC to the start of the wearer's day.
         day_start_min: u16,
     },
@@ -181,7 +181,7 @@ impl Message {
                 alert: alert_to_json(&alert),
             },
             ToHost::AlertRules(rules) => {
-                Self::AlertRules { is_on: rules.per_day > 0, day_start_min: rules.day_start_min }
+                Self::AlertRules { per_day: rules.per_day, day_start_min: rules.day_start_min }
             }
             ToHost::DailyLoad(daily) => Self::DailyLoad { load: daily_load_to_json(&daily) },
             ToHost::Status(status) => Self::Status(status.into()),
