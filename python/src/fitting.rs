@@ -4,6 +4,7 @@ use crate::batch::{Table, table};
 use crate::exception;
 use crate::options::Options;
 use crate::recordings::Recording;
+use crate::threads;
 use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
 use fit::interval::RESAMPLES;
@@ -75,6 +76,7 @@ pub fn identify(
         }
         Ok((Fitted { study, size }, notes))
     };
+    threads::begin()?;
     py.detach(identified).map_err(exception)
 }
 

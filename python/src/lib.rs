@@ -9,6 +9,7 @@ mod options;
 mod person;
 mod recordings;
 mod replay;
+mod threads;
 
 use pyo3::PyErr;
 use pyo3::exceptions::PyValueError;
@@ -26,6 +27,8 @@ mod _core {
     use super::recordings::Recording;
     #[pymodule_export]
     use super::replay::replay;
+    #[pymodule_export]
+    use super::threads::after_fork;
 
     #[pymodule_export]
     #[allow(non_upper_case_globals, reason = "the name of the constant in Python")]

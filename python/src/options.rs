@@ -10,6 +10,9 @@ use pyo3::prelude::*;
 use std::path::PathBuf;
 use study::{ContactOptions, Search};
 
+/// The default of `bounds`.
+const FREE_BOUNDS: &str = "free";
+
 /// The attributes of the Python class `Options`, which describes them.
 pub struct Options {
     size: i64,
@@ -45,13 +48,16 @@ impl<'py> FromPyObject<'_, 'py> for Options {
     }
 }
 
-/// The attribute `name` of the options. The exception for a value of another type than `expected` contains the value.
+/// The attribute `name` of the options. The exception for a value of another type than `expected` contains the value, that for
+/// an object without this attribute contains the object.
 fn attribute<'py, T: FromPyObjectOwned<'py>>(
     options: Borrowed<'_, 'py, PyAny>,
     name: &str,
     expected: &str,
 ) -> PyResult<T> {
-    let value = options.getattr(name)?;
+    let Ok(value) = options.getattr(name) else {
+        return Err(PyTypeError::new_err(format!("expected a plantar.Options, not {}", options.repr()?)));
+    };
     match value.extract() {
         Ok(value) => Ok(value),
         Err(_) => Err(PyTypeError::new_err(format!("{name} = {}: expected {expected}", value.repr()?))),
@@ -75,6 +81,23 @@ impl Options {
         self.size.to_string().parse().map_err(PyValueError::new_err::<String>)
     }
 
+    /// An error if an option of the search differs from its default: a replay would ignore it.
+    pub fn check_replay(&self) -> PyResult<()> {
+        let is_given = [
+            ("filter", self.filter.is_some()),
+            ("method", self.method != Method::Projection.name()),
+            ("bounds", self.bounds != FREE_BOUNDS),
+            ("tissue", self.tissue.is_some()),
+            ("compression", self.compression.is_some()),
+        ];
+        match is_given.iter().find(|(_, is_given)| *is_given) {
+            Some((name, _)) => Err(PyValueError::new_err(format!(
+                "the option {name} has no effect on a replay, only on the identification of parameters: leave it out"
+            ))),
+            None => Ok(()),
+        }
+    }
+
     /// Filter, method and bounds of the search.
     pub fn search(&self) -> PyResult<Search> {
         let filters = [Filter::Direct, Filter::Live, Filter::Smoothed].map(|filter| (filter.name(), filter));
@@ -84,7 +107,7 @@ impl Options {
         Ok(Search {
             filter,
             method: named("method", &self.method, &methods)?,
-            has_paper_bounds: named("bounds", &self.bounds, &[("free", false), ("paper", true)])?,
+            has_paper_bounds: named("bounds", &self.bounds, &[(FREE_BOUNDS, false), ("paper", true)])?,
             tissue: self.tissue.clone(),
             size: self.size()?,
             compression: self.compression.unwrap_or(default.compression),

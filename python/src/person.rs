@@ -4,6 +4,7 @@ use crate::batch::{Table, table};
 use crate::exception;
 use crate::options::Options;
 use crate::recordings::Recording;
+use crate::threads;
 use arrow_pyarrow::PyArrowType;
 use fit::agreement;
 use fit::trials;
@@ -66,6 +67,7 @@ impl Person {
 
     /// Fits each step of a recording separately: one row for each region of each step.
     fn rows(&self, py: Python, recording: &Recording) -> PyResult<Table> {
+        threads::begin()?;
         py.detach(|| {
             let rows = fits::rows(&self.0, &*recording.inner, &recording.path).map_err(exception)?;
             Ok(PyArrowType(table(&fits::columns(&self.0), &rows)?))
@@ -74,6 +76,7 @@ impl Person {
 
     /// Fits one set of parameters for each region to all steps of a recording together.
     fn trial(&self, py: Python, recording: &Recording) -> PyResult<Trial> {
+        threads::begin()?;
         let (trial, defects) =
             py.detach(|| fits::trial(&self.0, &*recording.inner, &recording.path)).map_err(exception)?;
         let defects = defects.iter().map(|defect| format!("{}, {defect}", trial.name)).collect();

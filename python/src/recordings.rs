@@ -1,7 +1,7 @@
 //! A recording, and its values as Arrow arrays.
 
 use crate::batch::{Table, table};
-use crate::exception;
+use crate::{exception, threads};
 use arrow_array::{Array, Float32Array, Float64Array};
 use arrow_buffer::{Buffer, ScalarBuffer};
 use arrow_data::ArrayData;
@@ -34,6 +34,7 @@ impl Recording {
     /// Reads a recording: a file, or a folder with its parts.
     #[staticmethod]
     fn read(py: Python, path: PathBuf) -> PyResult<Self> {
+        threads::begin()?;
         let inner = py.detach(|| recording::Recording::read(&path)).map_err(exception)?;
         Ok(Self { inner: Arc::new(inner), path })
     }
@@ -42,6 +43,7 @@ impl Recording {
     /// the recording.
     #[staticmethod]
     fn parse(py: Python, files: Vec<(PathBuf, Vec<u8>)>, path: PathBuf) -> PyResult<Self> {
+        threads::begin()?;
         let inner = py.detach(|| recording::Recording::parse_parts(files, &path)).map_err(exception)?;
         Ok(Self { inner: Arc::new(inner), path })
     }

@@ -6,7 +6,10 @@ use crate::options::Options;
 use crate::recordings::Recording;
 use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
+use fit::contacts::Contacts;
+use fit::steps::ExclusionReason;
 use parameters::{Identified, Parameters};
+use plantar::faults::Faults;
 use plantar::insole::Insole;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::Step;
@@ -21,6 +24,8 @@ use study::{frames, virtual_insole};
 /// The result of a replay.
 struct Replayed {
     steps: Vec<Step>,
+    /// Notes on contacts that the recording cuts off, and on sensor faults, as texts for the user.
+    notes: Vec<String>,
     /// The live values: one vector for each of the columns [`frames::column_names`]. The vectors are empty if the values were not
     /// requested.
     frames: Vec<Vec<Option<f64>>>,
@@ -38,12 +43,16 @@ pub fn replay(
     precision: &str,
     with_frames: bool,
 ) -> PyResult<(Table, Option<Table>, Vec<String>)> {
+    options.check_replay()?;
     let parameters = match &params {
         Some(path) => Parameters::read(path).map_err(exception)?,
         None => Parameters::typical(options.size()?),
     };
     let contact = options.contact(Some(&parameters))?;
     let mut notes: Vec<String> = parameters.typical_note().into_iter().collect();
+    if params.is_none() {
+        notes.extend(options.size()?.extrapolation_note());
+    }
     if let Some(identified) = parameters.identified.as_ref().filter(|identified| identified.contact != contact) {
         notes.push(format!(
             "the parameters were identified with another contact rule (contact_on_kpa {}, contact_off_kpa {}, \
@@ -75,8 +84,9 @@ pub fn replay(
             }
             run(inner, &insole, &parameters.tissue(), with_frames)
         };
-        let Replayed { steps, frames } =
+        let Replayed { steps, notes: of_recording, frames } =
             replayed().with_context(|| format!("{path}: the recording cannot be evaluated")).map_err(exception)?;
+        notes.extend(of_recording.iter().map(|note| format!("{path}: {note}")));
         let rows: Vec<_> = steps.iter().flat_map(|step| (0..Region::ALL.len()).map(|i| step_row(step, i))).collect();
         let steps = PyArrowType(table(&step_columns(), &rows)?);
         let frames = if with_frames { Some(PyArrowType(numbers(&frames::column_names(), frames)?)) } else { None };
@@ -96,6 +106,11 @@ fn run<R: Real>(
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     insole.set_tissue(tissue)?;
     let (mut steps, mut columns, mut row) = (Vec::new(), vec![Vec::new(); frames::column_names().len()], Vec::new());
+    let (mut contacts, mut notes) = (Contacts::default(), Vec::new());
+    let mut add_cut_off = |start_s: f64, reason: Option<ExclusionReason>| {
+        let cut_off = reason.filter(ExclusionReason::is_cut_off);
+        notes.extend(cut_off.map(|reason| format!("left out: the contact at {start_s:.2} s, {reason}")));
+    };
     let mut scans = virtual_insole.scans(recording);
     while let Some(Scan { index, t_s, codes }) = scans.next_scan()? {
         let toe_off = insole.frame(index as u32, codes);
@@ -106,11 +121,28 @@ fn run<R: Real>(
         // step.
         insole.take_bout();
         // A scan without a time repeats the last frame, to confirm the toe off at the end.
-        if with_frames && let Some(t_s) = t_s {
+        let Some(t_s) = t_s else { continue };
+        let reason = contacts.frame(t_s, toe_off, &insole);
+        add_cut_off(contacts.start_s(), reason);
+        if with_frames {
             row.clear();
             frames::push_row(&mut row, t_s, &insole, virtual_insole.setup.contact);
             columns.iter_mut().zip(&row).for_each(|(column, value)| column.push(*value));
         }
     }
-    Ok(Replayed { steps, frames: columns })
+    let reason = contacts.end(&insole);
+    add_cut_off(contacts.start_s(), reason);
+    notes.extend(fault_note(insole.faults()));
+    Ok(Replayed { steps, notes, frames: columns })
+}
+
+/// The faults of the sensor and the number of masked cells of each region; `None` without any.
+fn fault_note(faults: &Faults) -> Option<String> {
+    let listed = faults.list.iter().map(|fault| format!("{} {}", fault.place, fault.kind.name()));
+    let masked = Region::ALL.iter().zip(faults.masked_cells).filter(|(_, cells)| *cells > 0);
+    let masked = masked.map(|(region, cells)| format!("{} {cells}", region.name()));
+    let lists: [(_, Vec<_>); 2] = [("sensor faults", listed.collect()), ("masked cells", masked.collect())];
+    let lists = lists.iter().filter(|(_, list)| !list.is_empty());
+    let texts: Vec<_> = lists.map(|(name, list)| format!("{name}: {}", list.join(", "))).collect();
+    (!texts.is_empty()).then(|| texts.join("; "))
 }

@@ -15,6 +15,10 @@ import plantar as package
 from plantar import fitting
 
 
+FLAGS = {"ab": "ab_m2", "stiffness": "stiffness_pa", "damping": "damping_pa_s", "n": "n", "m": "m"}
+"""The names of the parameters in the marks of the table, and in the results."""
+
+
 def test_a_fit_is_that_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     options = ["--size", 40, "--contact-full", 0]
     files = ["--out", tmp_path / "params.toml", "--json", tmp_path / "fit.json"]
@@ -32,6 +36,10 @@ def test_a_fit_is_that_of_the_command_line(walk_file: pathlib.Path, tmp_path: pa
         for name, value in {**result["ellipsoid"], "stiffness_pa": result["identified"]["stiffness_pa"]}.items():
             assert row[name] == pytest.approx(value, rel=1e-12), (region, name)
         assert row["n_low"] <= row["n"] <= row["n_high"]
+        intervals = result["uncertainty"]["intervals_95"]
+        for flag, name in FLAGS.items():
+            assert row[f"{flag}_identifiable"] == intervals[name]["is_identifiable"], (region, name)
+            assert row[f"{flag}_at_bound"] == intervals[name]["at_bound"], (region, name)
         # The eight parameters result in the same force as the five: K = k C^(n+1) / d0^n.
         stiffness_pa = row["k_n_m3"] * (row["c_mm"] * 1e-3) ** (row["n"] + 1) / (row["d0_mm"] * 1e-3) ** row["n"]
         assert stiffness_pa == pytest.approx(row["stiffness_pa"], rel=1e-9)
@@ -222,7 +230,8 @@ def test_a_region_that_was_not_fitted_has_a_reason_and_no_defect(
     tissue.write_text("heel = 99\n")
     texts, table = warnings_of_a_fit(short, tissue)
     # The value is out of range whether or not the heel was fitted.
-    assert len(texts) == 1 and "heel: thickness_mm = 99 is out of range" in texts[0]
+    assert len(texts) == 2 and "heel: thickness_mm = 99 is out of range" in texts[0]
+    assert texts[1].startswith("short: no region could be fitted: no whole step: record a walk")
     assert not table["fitted"].any() and table["reason"].notna().all() and table["defects"].isna().all()
 
 

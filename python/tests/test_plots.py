@@ -72,6 +72,8 @@ def test_a_step_has_the_curves_of_its_regions(walk_file: pathlib.Path, tmp_path:
         assert measured.max() == pytest.approx(peak_n, abs=0.06)
     with pytest.raises(ValueError, match="no step 99: the steps are 0 to 5$"):
         replay.plot(step=99)
+    with pytest.raises(TypeError, match="step = '0': expected a whole number or None"):
+        replay.plot("0")  # type: ignore[arg-type]
     figure.savefig(tmp_path / "step.png")
 
 

@@ -1,5 +1,6 @@
 """Recordings, replay and normalised steps, compared with pyarrow, NumPy and the command line."""
 
+import dataclasses
 import json
 import pathlib
 import sys
@@ -9,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
@@ -45,15 +47,17 @@ def test_arrays_share_the_memory_of_the_recording_and_outlive_it(walk_file: path
 
 
 def test_errors_name_the_file_and_the_remedy(tmp_path: pathlib.Path, walk_file: pathlib.Path) -> None:
-    with pytest.raises(FileNotFoundError, match="nowhere.parquet"):
+    with pytest.raises(FileNotFoundError, match="nowhere.parquet: .*; check the path$"):
         package.read(tmp_path / "nowhere.parquet")
     damaged = tmp_path / "damaged.parquet"
     damaged.write_bytes(walk_file.read_bytes()[:-1000])
     with pytest.raises(ValueError, match="damaged.parquet: the file is cut off.*copy it again"):
         package.read(damaged)
     recording = package.read(walk_file)
-    with pytest.raises(ValueError, match="from 35 to 46"):
-        recording.replay(options=package.Options(size=50))
+    with pytest.raises(ValueError, match="from 20 to 52"):
+        recording.replay(options=package.Options(size=53))
+    with pytest.raises(TypeError, match="expected a plantar.Options, not {'size': 40}"):
+        recording.replay(options={"size": 40})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="contact-off may not be above"):
         recording.replay(options=package.Options(contact_on_kpa=5, contact_off_kpa=6))
     with pytest.raises(ValueError, match='"projection" or "paper"'):
@@ -65,6 +69,101 @@ def test_errors_name_the_file_and_the_remedy(tmp_path: pathlib.Path, walk_file: 
         package.fit(recording, options=package.Options(contact_on_kpa="5"))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="2 recordings, but fit_steps fits one"):
         package.fit_steps([walk_file, walk_file])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        package.Options(filter="smoothed"),
+        package.Options(method="other"),  # type: ignore[arg-type]
+        package.Options(bounds="paper"),
+        package.Options(tissue="nowhere.toml"),
+        package.Options(compression=0.3),
+    ],
+)
+def test_options_without_effect_on_a_replay_are_refused(walk_file: pathlib.Path, options: package.Options) -> None:
+    [name] = [name for name, value in vars(options).items() if value != getattr(package.Options, name)]
+    with pytest.raises(ValueError, match=f"the option {name} has no effect on a replay"):
+        package.replay(walk_file, options=options)
+
+
+@pytest.mark.parametrize(
+    ("column", "file_type", "remedy"), [("c0_kpa", pa.float64(), "float32"), ("t_s", pa.float32(), "float64")]
+)
+def test_the_remedy_for_another_type_of_a_column_is_a_cast(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path, column: str, file_type: pa.DataType, remedy: str
+) -> None:
+    table = pq.read_table(walk_file)
+    index = table.column_names.index(column)
+    path = tmp_path / "other.parquet"
+    pq.write_table(table.set_column(index, column, table[column].cast(file_type)), path)
+    with pytest.raises(ValueError, match=f"other.parquet: column {index + 1}: `{column}` .*; cast the column to {remedy}$"):
+        package.read(path)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "gzip", "brotli"])
+def test_a_compression_that_is_not_supported_is_named(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path, compression: str
+) -> None:
+    path = tmp_path / "other.parquet"
+    pq.write_table(pq.read_table(walk_file), path, compression=compression)
+    with pytest.raises(
+        ValueError, match=f"compressed with {compression}, which is not supported; write it with snappy or without compression"
+    ):
+        package.read(path)
+    pq.write_table(pq.read_table(walk_file), path, compression="none")
+    assert package.read(path).side == package.read(walk_file).side
+
+
+def test_the_lines_of_the_readme_write_a_recording(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (pathlib.Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    section = text.partition("\n## From NumPy\n")[2].partition("\n## ")[0]
+    lines = [line[4:] for line in section.splitlines() if line.startswith("    ")]
+    assert lines
+    monkeypatch.chdir(tmp_path)
+    recording = package.read(walk_file)
+    exec("\n".join(lines), {"pressure_kpa": recording.pressure_kpa.astype(float), "cells": recording.cells})
+    own = package.read("own.parquet")
+    np.testing.assert_array_equal(own.pressure_kpa, recording.pressure_kpa)
+    np.testing.assert_allclose(own.t_s, recording.t_s, atol=1e-9)
+    pd.testing.assert_frame_equal(own.cells, recording.cells)
+    assert (own.side, own.rate_hz, own.source) == ("right", 100.0, "my sensor, trial 1")
+
+
+def test_cut_off_contacts_are_those_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    table = pq.read_table(walk_file)
+    force_n = package.read(walk_file).force_n
+    is_loaded = force_n > 0.5 * force_n.max()
+    first, last = np.flatnonzero(is_loaded)[[0, -1]]
+    path = tmp_path / "cut.parquet"
+    pq.write_table(table.slice(first, last - first + 1), path)
+    expected = [line for line in plantar("replay", path).splitlines() if line.startswith("left out: ")]
+    assert len(expected) == 2
+    with pytest.warns(UserWarning) as caught:
+        package.replay(path)
+    found = [str(warning.message) for warning in caught if "left out" in str(warning.message)]
+    assert found == [
+        line.replace(f"left out: {path} at ", f"{path}: left out: the contact at ") for line in expected
+    ]
+    assert all(warning.filename == __file__ for warning in caught)
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_a_masked_cell_is_a_warning(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    table = pq.read_table(walk_file)
+    cells = package.read(walk_file).cells
+    # A cell that reads the same high pressure in every frame.
+    cell = int(np.flatnonzero(cells["region"] == "heel")[3])
+    name = f"c{cell}_kpa"
+    stuck = pa.array(np.full(len(table), 900.0, np.float32))
+    path = tmp_path / "stuck.parquet"
+    pq.write_table(table.set_column(cell + 1, table.schema.field(name), stuck), path)
+    printed = plantar("replay", path)
+    assert f"sensor fault: cell {cell} stuck" in printed and "1 of 240 cells masked: Heel 1" in printed, printed
+    with pytest.warns(UserWarning, match=f"stuck.parquet: sensor faults: cell {cell} stuck; masked cells: heel 1$"):
+        package.replay(path)
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")
@@ -232,6 +331,12 @@ def test_parameters_of_the_other_foot_are_used_with_a_warning(walk_file: pathlib
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         package.replay(left, params=params)
+
+
+def test_the_help_of_the_options_has_their_meanings() -> None:
+    text = package.Options.__doc__ or ""
+    for field in dataclasses.fields(package.Options):
+        assert f"\n    ``{field.name}``: " in text
 
 
 def test_other_threads_continue_while_a_recording_is_fitted(walk_file: pathlib.Path) -> None:

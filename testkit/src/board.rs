@@ -189,7 +189,7 @@ pub struct Cable {
     pub byte_us: f64,
     /// Time at which the transmit buffer of the insole's port will be empty, us.
     sent_us: f64,
-    /// Mean number of bytes to the host from one damaged byte to the next; 0 for no damage. The distances are random: a constant
+    /// Mean number of bytes, in both directions together, from one damaged byte to the next; 0 for no damage. The distances are random: a constant
     /// one can be the length of a retransmission, and the same byte would then be damaged in all retransmissions.
     pub damaged_every: u32,
     random: fastrand::Rng,
@@ -214,7 +214,10 @@ impl Cable {
     /// Sends bytes to the insole.
     pub fn write(&mut self, bytes: &[u8]) {
         if !self.is_cut {
-            self.to_insole.extend(bytes);
+            for byte in bytes {
+                let byte = self.transferred(*byte);
+                self.to_insole.push_back(byte);
+            }
             self.reader.take().into_iter().for_each(Waker::wake);
         }
     }
@@ -233,11 +236,17 @@ impl Cable {
     /// Transfers bytes from the insole to the host.
     fn write_to_host(&mut self, bytes: &[u8]) {
         for byte in bytes {
-            let is_damaged = self.damaged_every > 0 && self.random.u32(..self.damaged_every) == 0;
+            let byte = self.transferred(*byte);
             if !self.is_cut {
-                self.to_host.push_back(if is_damaged { byte ^ 0x10 } else { *byte });
+                self.to_host.push_back(byte);
             }
         }
+    }
+
+    /// A byte after its transfer in either direction, which can damage it.
+    fn transferred(&mut self, byte: u8) -> u8 {
+        let is_damaged = self.damaged_every > 0 && self.random.u32(..self.damaged_every) == 0;
+        if is_damaged { byte ^ 0x10 } else { byte }
     }
 }
 

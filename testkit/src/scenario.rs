@@ -146,7 +146,7 @@ pub enum Event {
         /// Bytes per second; 0 for no limit.
         bytes_per_s: f64,
     },
-    /// Damages bytes to the host at random intervals from now on.
+    /// Damages bytes in both directions at random intervals from now on.
     Damage {
         /// Mean number of bytes from one damaged byte to the next; 0 for no damage.
         every_bytes: u32,

@@ -5,6 +5,9 @@ The computations are those of Plantar's insoles and of the command line ``planta
 of the tissue model "the paper": DeBerardinis, Dufek, Trabia, J. Biomech. 92, 2019, 137-145.
 """
 
+import os
+
+from plantar._core import after_fork as _after_fork
 from plantar._core import version as __version__
 from plantar.fitting import Fit, fit, fit_steps, repeat
 from plantar.insole import Event, Insole
@@ -26,3 +29,7 @@ __all__ = [
     "repeat",
     "replay",
 ]
+
+# Windows has no fork.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)

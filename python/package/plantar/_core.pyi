@@ -10,6 +10,8 @@ from plantar.options import Options
 
 version: str
 
+def after_fork() -> None: ...
+
 class Recording:
     @staticmethod
     def read(path: str | PathLike[str]) -> Recording: ...

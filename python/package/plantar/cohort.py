@@ -400,7 +400,7 @@ def _address(path: str | os.PathLike[str]) -> str:
 
 def _options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the evaluation, which are options of ``plantar cohort``."""
-    size = "European shoe size of participants without a size, a whole number from 35 to 46 [42]"
+    size = "European shoe size of participants without a size, a whole number from 20 to 52 [42]"
     parser.add_argument("--size", type=int, default=42, help=size)
     filters = "filter of the contact area [direct, or smoothed with --method paper]"
     parser.add_argument("--filter", choices=["direct", "live", "smoothed"], help=filters)

@@ -54,7 +54,8 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     file without its extension. Raises a ``ValueError`` if a recording is given twice.
 
     If the result of a region is incomplete, for example because only one step could be used, a ``UserWarning`` for each defect
-    names the region and the remedy. ``Fit.table`` has the defects, too, and the reasons of regions that were not fitted.
+    names the region and the remedy. ``Fit.table`` has the defects, too, and the reasons of regions that were not fitted. If no
+    region was fitted, a ``UserWarning`` states the reasons.
     """
     opened = _recordings(recordings)
     if not opened:
@@ -74,6 +75,10 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
         # A measurement that is out of range is a defect of a fitted region, and has a note even if the region was not fitted.
         if not any(note.endswith(f"{region}: {defect}") for note in notes)
     ]
+    regions = fitted.results["regions"].values()
+    if not any(result["fitted"] for result in regions):
+        reasons = dict.fromkeys(result["reason"] for result in regions)
+        defects.append(f"{name}: no region could be fitted: {' | '.join(reasons)}")
     _warn(notes + defects)
     return fitted
 
@@ -190,6 +195,12 @@ class Fit:
         """One row for each region: the paper's eight parameters, the identified parameters with their 95 % intervals, the
         errors in percent of the peak force, and for a region that was not fitted the reason.
 
+        ``stiffness_identifiable`` is false if the steps do not determine the parameter: its value is then the usual one of other
+        people, or has no meaning. ``stiffness_at_bound`` is true if it is at a bound of the search. The other identified
+        parameters have such columns, too, with the names ``ab``, ``damping``, ``n`` and ``m``. They are ``None`` without an
+        interval. ``results`` has the quantities that repeat (``quantities``), the remarks (``warnings``) and both intervals of
+        each parameter (``uncertainty``).
+
         ``defects`` has the defects because of which the result of a fitted region is incomplete, separated by `` | ``, and
         ``None`` if there is none. ``results`` has them as a list."""
         rows = []
@@ -206,6 +217,10 @@ class Fit:
                     ends = _widest(interval.get("jacobian"), interval.get("bootstrap"))
                     row[name] = value * factor
                     row[f"{name}_low"], row[f"{name}_high"] = (end * factor for end in ends)
+                    # The names are those of the table of a cohort.
+                    flag = name.partition("_")[0]
+                    row[f"{flag}_identifiable"] = interval.get("is_identifiable")
+                    row[f"{flag}_at_bound"] = interval.get("at_bound")
                 row |= {f"nrmse_{name}_percent": value for name, value in result["nrmse_percent"].items()}
                 row["verdict"] = result["verdict"]
             rows.append(row)

@@ -66,6 +66,8 @@ def foot(recording: Recording) -> Figure:
 
 def step(replay: Replay, number: int | None = None) -> Figure:
     """The measured force and the live model force of the regions in a step, by default in the first step."""
+    if number is not None and not isinstance(number, int | np.integer):
+        raise TypeError(f"step = {number!r}: expected a whole number or None")
     numbers = replay.steps.index.unique("step")
     if numbers.empty:
         raise ValueError(f"{replay.recording.path} has no complete step: record a walk of several steps")

@@ -137,7 +137,9 @@ class Recording:
         """The steps as an insole computes them, with the same code.
 
         ``params`` is a parameter file. Without one, typical parameters of ``options.size`` are used, and a warning states that
-        they are not personal. ``precision`` is ``f32``, that of the insole, or ``f64``.
+        they are not personal. Warnings also name contacts that the beginning or the end of the recording cuts off, sensor faults
+        and masked cells. ``precision`` is ``f32``, that of the insole, or ``f64``. Raises a ``ValueError`` if an option that
+        has no effect on a replay, such as ``filter``, differs from its default.
         """
         return Replay(self, params, precision, options)
 
@@ -173,7 +175,8 @@ class Replay:
     @cached_property
     def frames(self) -> pd.DataFrame:
         """The live values of every frame, indexed by the ``t_s`` of the recording, s: columns such as ``heel_area_mm2`` and
-        ``total_force_n``. A value that does not exist is NaN, such as the centre of pressure of a region without force."""
+        ``total_force_n``. A value that does not exist is NaN, such as the centre of pressure of a region without force.
+        docs/exporting.md describes forces, areas and axes, and docs/quantities.md the other columns."""
         _, frames, _ = _core.replay(self.recording._core, *self._arguments, True)
         assert frames is not None
         table: pd.DataFrame = frames.to_pandas()

@@ -1,7 +1,7 @@
 //! Files for the data of an insole.
 
 use std::fs::{File, TryLockError};
-use std::io;
+use std::io::{self, ErrorKind};
 use std::path::Path;
 
 /// Creates a file for the data of an insole, or opens an empty one. Existing data are never overwritten, because an insole
@@ -18,7 +18,7 @@ pub fn create_or_open_empty(path: &Path) -> io::Result<File> {
     // The length is read only now, because the program that reserved the file before may have written to it.
     match file.metadata()?.len() {
         0 => Ok(file),
-        _ => Err(io::Error::new(io::ErrorKind::AlreadyExists, "the file is not empty: choose another name")),
+        _ => Err(io::Error::new(ErrorKind::AlreadyExists, "the file is not empty: choose another name")),
     }
 }
 
@@ -30,8 +30,24 @@ pub fn create_or_open_empty(path: &Path) -> io::Result<File> {
 pub fn reserve(file: &File) -> io::Result<()> {
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => {
-            Err(io::Error::new(io::ErrorKind::ResourceBusy, "another program records into it"))
+            Err(io::Error::new(ErrorKind::ResourceBusy, "another program records into it"))
         }
         Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
+    }
+}
+
+/// Synchronises the contents of a file with the disk.
+///
+/// # Errors
+/// If the contents cannot be stored. Devices such as /dev/null, pipes and some network shares do not support the request, which
+/// is no error.
+pub fn sync_data(file: &File) -> io::Result<()> {
+    /// The number of the error with which macOS refuses the request for an SMB share (ENOTSUP), and for which the standard library
+    /// has no kind.
+    const MACOS_NOT_SUPPORTED: i32 = 45;
+    match file.sync_data() {
+        Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
+        Err(error) if cfg!(target_os = "macos") && error.raw_os_error() == Some(MACOS_NOT_SUPPORTED) => Ok(()),
+        synchronised => synchronised,
     }
 }

@@ -25,7 +25,7 @@ pub use cells::{CellReceiver, StartedCells};
 pub use clock_mapping::{ClockMapping, are_feet_comparable};
 pub use counters::LinkCounters;
 pub use error::Error;
-pub use file::{create_or_open_empty, reserve};
+pub use file::{create_or_open_empty, reserve, sync_data};
 pub use json::{bout_to_json, step_to_json};
 pub use link::{Event, Link, Meanwhile, Open, ReconnectPolicy, SessionStart};
 pub use order::{Arrival, RecordOrder};

@@ -7,6 +7,7 @@ use crate::order::{Arrival, RecordOrder};
 use crate::{Carrier, ClockMapping, Error};
 use plantar::protocol::session::CLOCK_US;
 use plantar::protocol::{CellStream, Hello, LiveCounter, LoadRecord, MAJOR, MINOR, Refusal, Status, ToDevice, ToHost};
+use plantar::sequence::is_after;
 use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
@@ -15,6 +16,13 @@ use std::time::Duration;
 pub(crate) const ANSWER: Duration = Duration::from_secs(2);
 /// Time between two connect requests while the insole does not answer.
 const CONNECT_INTERVAL: Duration = Duration::from_millis(500);
+/// Time after which the last acknowledgement is sent again. It may have been lost on the way, and an insole whose records are all
+/// unacknowledged sends no further ones, so that no later acknowledgement would follow.
+const REPEAT_ACKNOWLEDGEMENT: Duration = Duration::from_secs(2);
+/// If the caller has not read the carrier for this time, messages may have been lost: the operating system stores only some
+/// thousand bytes of a serial port. A lost record is noticed by the next one, but the lost records may be all that the insole
+/// sends before an acknowledgement.
+const PAUSE: Duration = Duration::from_secs(2);
 /// Time between two requests for the insole's time.
 const TIME_INTERVAL: Duration = Duration::from_millis(250);
 /// If the wall clock gains or loses more than this relative to the monotonic clock between two such requests, us, it was set.
@@ -42,6 +50,14 @@ pub struct Client<C> {
     wall_clock_since_us: u64,
     delivered: Delivered,
     order: RecordOrder,
+    /// The last number that was acknowledged in this session, and when, by [`Carrier::now_us`].
+    acknowledged: Option<(u32, u64)>,
+    /// When the carrier was last read, by [`Carrier::now_us`].
+    read_us: u64,
+    /// True if the carrier was not read for [`PAUSE`] in this session, and the records were not requested again since.
+    has_paused: bool,
+    /// True after the insole has refused a message because another host has the session. A connect request would end that session.
+    has_other_host: bool,
     is_streaming: bool,
     /// The stream of ellipses: the ellipses of one frame out of this number, or 0 for none.
     pub(crate) ellipses_every: u8,
@@ -72,6 +88,10 @@ impl<C: Carrier> Client<C> {
             wall_clock_since_us: 0,
             delivered: Delivered::new(),
             order: RecordOrder::default(),
+            acknowledged: None,
+            read_us: C::now_us(),
+            has_paused: false,
+            has_other_host: false,
             is_streaming: false,
             ellipses_every: 0,
             cells: None,
@@ -90,6 +110,7 @@ impl<C: Carrier> Client<C> {
         self.clock_mapping = ClockMapping::new();
         self.live.new_session();
         (self.is_streaming, self.ellipses_every, self.cells, self.cells_requested_us) = (false, 0, None, None);
+        (self.acknowledged, self.read_us, self.has_paused, self.has_other_host) = (None, C::now_us(), false, false);
         self.order.begin();
         Ok(&self.hello)
     }
@@ -118,6 +139,7 @@ impl<C: Carrier> Client<C> {
         self.carrier = None;
         self.carrier = Some(open()?);
         self.waiting.clear();
+        self.acknowledged = None;
         Ok(())
     }
 
@@ -194,7 +216,11 @@ impl<C: Carrier> Client<C> {
     pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
         match message {
             // This holds even if the message is lost on the way: the host has stored the record.
-            ToDevice::Acknowledge { number: step } => self.delivered.acknowledge(step),
+            ToDevice::Acknowledge { number } => {
+                self.delivered.acknowledge(number);
+                let last = self.acknowledged.map(|(last, _)| last).filter(|&last| is_after(last, number));
+                self.acknowledged = Some((last.unwrap_or(number), C::now_us()));
+            }
             ToDevice::Stream { live } => self.is_streaming = live,
             ToDevice::StreamEllipses { every } => self.ellipses_every = every,
             ToDevice::StreamCells(stream) => self.cells = stream,
@@ -273,7 +299,8 @@ impl<C: Carrier> Client<C> {
     /// Each record (step, load bout or alert) is returned once, however often the insole repeats it. Send
     /// [`ToDevice::Acknowledge`] once the record is stored; if the insole repeats the record afterwards, this function
     /// acknowledges it again. If a record before the one that arrives is missing, this function requests all unacknowledged
-    /// records again, because an acknowledgement also covers all earlier records.
+    /// records again, because an acknowledgement also covers all earlier records. It also requests them if the carrier was not
+    /// read for two seconds, and repeats the last acknowledgement every two seconds.
     ///
     /// # Errors
     /// Errors of the carrier.
@@ -281,6 +308,15 @@ impl<C: Carrier> Client<C> {
         self.request_time_if_due()?;
         if self.order.requested_us().is_some_and(|requested_us| elapsed::<C>(requested_us) >= ANSWER) {
             // The request for the retransmission, or its answer, was lost on the way.
+            self.request_retransmission()?;
+        }
+        if let Some((number, sent_us)) = self.acknowledged
+            && elapsed::<C>(sent_us) >= REPEAT_ACKNOWLEDGEMENT
+        {
+            self.send(ToDevice::Acknowledge { number })?;
+        }
+        self.has_paused |= elapsed::<C>(self.read_us) >= PAUSE;
+        if std::mem::take(&mut self.has_paused) && !self.has_other_host && self.order.requested_us().is_none() {
             self.request_retransmission()?;
         }
         if self.cells_requested_us.is_some_and(|requested_us| elapsed::<C>(requested_us) >= ANSWER) {
@@ -308,6 +344,7 @@ impl<C: Carrier> Client<C> {
             ToHost::CellStream(_) => self.cells_requested_us = None,
             ToHost::Hello(_) => {
                 self.live.new_session();
+                self.acknowledged = None;
                 if self.order.begin() {
                     return Ok(None);
                 }
@@ -366,10 +403,14 @@ impl<C: Carrier> Client<C> {
     }
 
     pub(crate) fn next(&mut self) -> Result<Option<ToHost>, Error> {
-        Ok(match self.waiting.pop_front() {
-            Some(message) => Some(message),
-            None => carrier(&mut self.carrier)?.receive()?,
-        })
+        if let Some(message) = self.waiting.pop_front() {
+            return Ok(Some(message));
+        }
+        self.has_paused |= elapsed::<C>(self.read_us) >= PAUSE;
+        let message = carrier(&mut self.carrier)?.receive()?;
+        self.read_us = C::now_us();
+        self.has_other_host |= matches!(message, Some(ToHost::Refused(Refusal::OtherHost)));
+        Ok(message)
     }
 
     /// The counters of this link. The number of sent frames, and losses before the first or after the last received frame, are

@@ -1,7 +1,7 @@
 //! The file of a recorded stream. For each message it contains the time in ms (u32, wraps after 49.7 days), the index of the
 //! insole (u8), the length of the message (u16), all little endian, and the message.
 
-use crate::create_or_open_empty;
+use crate::{create_or_open_empty, sync_data};
 use plantar::protocol::{LoadRecord, MAX_MESSAGE, ToHost, encode};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -41,12 +41,27 @@ impl StreamFile {
         let t_ms = self.start.elapsed().as_millis() as u32;
         let written = append(&mut self.out, t_ms, insole, message).and_then(|()| match message {
             ToHost::Live(_) => Ok(()),
-            message if LoadRecord::of(message).is_some() => {
-                self.out.flush().and_then(|()| self.out.get_ref().sync_data())
-            }
+            message if LoadRecord::of(message).is_some() => self.sync(),
             _ => self.out.flush(),
         });
-        written.map_err(|error| io::Error::new(error.kind(), format!("cannot write {}: {error}", self.path.display())))
+        written.map_err(|error| self.named(error))
+    }
+
+    /// Completes the file: without this call, an error of writing the last live frames would remain unknown.
+    ///
+    /// # Errors
+    /// If a message cannot be written. The text of the error names the file.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.sync().map_err(|error| self.named(error))
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.out.flush()?;
+        sync_data(self.out.get_ref())
+    }
+
+    fn named(&self, error: io::Error) -> io::Error {
+        io::Error::new(error.kind(), format!("cannot write {}: {error}", self.path.display()))
     }
 }
 

@@ -3,7 +3,7 @@
 use client::{Carrier, Client, Error, Event, Link, Meanwhile, ReconnectPolicy, SessionStart};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::session::Session;
+use plantar::protocol::session::{RECORD_QUEUE, Session};
 use plantar::protocol::update::Request;
 use plantar::protocol::{
     Alert, CellStream, Contents, Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Status, ToDevice,
@@ -567,6 +567,77 @@ fn a_lost_request_to_continue_the_cells_is_repeated() {
     push(2);
     receive();
     assert!(session.borrow().streams_cells());
+}
+
+/// An insole with the virtual clock. The first acknowledgement is lost on the way.
+struct Unacknowledged {
+    session: Rc<RefCell<Session>>,
+    acknowledgements: u32,
+}
+
+impl Carrier for Unacknowledged {
+    fn send(&mut self, message: ToDevice) -> io::Result<()> {
+        let is_acknowledgement = matches!(message, ToDevice::Acknowledge { .. });
+        self.acknowledgements += u32::from(is_acknowledgement);
+        if !is_acknowledgement || self.acknowledgements != 1 {
+            self.session.borrow_mut().receive(message, NOW_US.get());
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self) -> io::Result<Option<ToHost>> {
+        Ok(read(&mut self.session.borrow_mut(), Status::default()))
+    }
+
+    fn damaged(&self) -> u32 {
+        0
+    }
+
+    fn now_us() -> u64 {
+        NOW_US.get()
+    }
+}
+
+/// The numbers of the alerts that a client receives in 100 reads.
+fn received<C: Carrier>(client: &mut Client<C>) -> Vec<u32> {
+    let messages = (0..100).filter_map(|_| client.receive().expect("the carrier has no errors"));
+    messages.filter_map(|message| if let ToHost::Alert(alert) = message { Some(alert.number) } else { None }).collect()
+}
+
+/// The host acknowledges all records at once that the insole sends without an acknowledgement, so that no record arrives after
+/// this acknowledgement.
+#[test]
+fn a_lost_acknowledgement_of_all_records_is_repeated() {
+    let session = Rc::new(RefCell::new(Session::new()));
+    let carrier = Unacknowledged { session: session.clone(), acknowledgements: 0 };
+    let mut client = Client::connect(carrier, Duration::from_secs(5)).expect("an insole");
+    let count = RECORD_QUEUE as u32;
+    (0..count).for_each(|number| session.borrow_mut().push_record(alert(number)));
+    assert_eq!(received(&mut client), Vec::from_iter(0..count));
+    client.send(ToDevice::Acknowledge { number: count - 1 }).expect("the carrier has no errors");
+    assert_eq!(session.borrow_mut().take_acknowledged(), None);
+    assert_eq!(received(&mut client), [0; 0]);
+    assert_eq!(session.borrow_mut().take_acknowledged(), Some(count - 1));
+}
+
+/// While the caller does not read for three seconds, all records are lost that the insole sends without an acknowledgement. The
+/// frames of the stream that arrive afterwards show no gap in the records.
+#[test]
+fn records_that_were_lost_while_the_caller_did_not_read_are_requested_again() {
+    let session = Rc::new(RefCell::new(Session::new()));
+    let mut client = Client::connect(Clocked(session.clone()), Duration::from_secs(5)).expect("an insole");
+    client.stream().expect("an answer");
+    assert_eq!(received(&mut client), [0; 0]);
+    let count = RECORD_QUEUE as u32;
+    (0..count).for_each(|number| session.borrow_mut().push_record(alert(number)));
+    let mut buffer = [0; MAX_MESSAGE];
+    while session.borrow_mut().next(&hello("1.0.0"), Status::default, &mut buffer).is_some() {}
+    NOW_US.set(NOW_US.get() + 3_000_000);
+    // A request that reads before the caller receives does not hide the pause.
+    client.status().expect("an answer");
+    assert_eq!(received(&mut client), Vec::from_iter(0..count));
+    // The stream continues.
+    assert!(session.borrow().next_live().is_some());
 }
 
 /// A client usually waits two seconds for a status. After a request to restart it waits less, because an insole that restarts

@@ -104,7 +104,8 @@ pub struct Hardware {
     pub swapped: bool,
 }
 
-/// A running board, which is switched off when this value is dropped.
+/// A running board, which is switched off when this value is dropped. On Linux, it is also switched off when the thread ends that
+/// started it.
 pub struct Board {
     qemu: Qemu,
     plant: Plant,
@@ -211,6 +212,8 @@ impl Board {
         if time == Time::Counted {
             command.args(["-icount", "shift=0"]);
         }
+        #[cfg(target_os = "linux")]
+        end_with_this_thread(&mut command);
         let mut qemu = Qemu(command.spawn().map_err(|e| match e.kind() {
             io::ErrorKind::NotFound => Error::NoQemu,
             _ => Error::Io(e),
@@ -276,6 +279,22 @@ impl Board {
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
+}
+
+/// Lets the system kill the process of `command` when the thread that starts it ends, also if this program is killed.
+#[cfg(target_os = "linux")]
+fn end_with_this_thread(command: &mut Command) {
+    use nix::sys::{prctl, signal::Signal};
+    use std::os::unix::process::{CommandExt, parent_id};
+    let parent = std::process::id();
+    let set_up = move || {
+        prctl::set_pdeathsig(Signal::SIGKILL)?;
+        // The program may have ended before the request.
+        if parent_id() == parent { Ok(()) } else { Err(io::ErrorKind::Interrupted.into()) }
+    };
+    // SAFETY: between fork and exec, the closure only makes two system calls, prctl and getppid, which are allowed there, and
+    // neither allocates memory nor takes a lock: both kinds of error are plain numbers.
+    unsafe { command.pre_exec(set_up) };
 }
 
 /// QEMU's process, which is killed when this value is dropped.

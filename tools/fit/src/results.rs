@@ -27,13 +27,14 @@ pub fn widest(interval: &Interval) -> [f64; 2] {
 }
 
 /// Whether measurements or assumptions determine the scale of the deformation. A C that was searched counts as assumed, because
-/// it does not follow from a measurement of the tissue.
+/// it does not follow from a measurement of the tissue. A curvature determines C without the thickness, but by the relation of
+/// depth and contact in Eq. 14, which is an assumption on the compression: an elastic half-space of the same curvature and
+/// contact would be compressed twice as much (Hertz).
 pub fn deformation_scale(fixed: &FixedParameters) -> DeformationScale {
     match (fixed.scale, fixed.is_thickness_measured) {
-        // A curvature determines C without the thickness.
-        (Scale::Curvature(_), _) | (Scale::PeakStrain(_), true) => DeformationScale::Measured,
+        (Scale::PeakStrain(_), true) => DeformationScale::Measured,
         (Scale::PeakStrain(_), false) => DeformationScale::AssumedThickness,
-        (Scale::Assumed(_), true) => DeformationScale::AssumedCompression,
+        (Scale::Curvature(_), _) | (Scale::Assumed(_), true) => DeformationScale::AssumedCompression,
         (Scale::Assumed(_), false) | (Scale::Searched(_), _) => DeformationScale::Assumed,
     }
 }
@@ -97,7 +98,11 @@ fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> Strin
     };
     let fixed = &fit.fixed;
     match name {
-        "a_mm" => format!("A B {}; A / B measured: {:.2}", identified(0, 1e6, " mm2"), fixed.aspect),
+        "a_mm" => format!(
+            "A B {}; A / B of the contact within the region's borders: {:.2}",
+            identified(0, 1e6, " mm2"),
+            fixed.aspect
+        ),
         "b_mm" => "see a_mm".into(),
         "c_mm" => format!("fixed, not identified: by {}{}", fixed.scale, effect(fit)),
         "d0_mm" if fixed.is_thickness_measured => "fixed, not identified: measured".into(),

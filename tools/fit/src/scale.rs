@@ -3,7 +3,8 @@
 //! The force does not depend on C, so C follows from one of three other sources: a measured peak strain of the tissue, a measured
 //! curvature of the unloaded sole, or, without a measurement, an assumed compression. Near its lowest point, an ellipsoid has the
 //! radii of curvature A^2/C and B^2/C. The force determines A B, and the contact ellipse determines A/B, so each of the two radii
-//! determines C.
+//! determines C: with Eq. 14, in which the depth delta and the radius a of the contact of a sphere of radius R are related by
+//! delta = a^2/(2R), as for a Winkler foundation. For an elastic half-space, delta is a^2/R (Hertz).
 
 use plantar::pipeline::model::ForceLaw;
 use std::fmt;

@@ -140,6 +140,26 @@ impl Study {
         })
     }
 
+    /// True if the areas are effective areas, which depend on the pressure too: those of covered shares.
+    pub fn has_effective_area(&self) -> bool {
+        self.contact.full_kpa > 0.0
+    }
+
+    /// A note on the meaning of stiffness, moduli and energies.
+    pub fn measures_note(&self) -> String {
+        let mut note = String::from(
+            "area and force come from the same pressures, so viscous modulus and dissipated energy are smaller than those of \
+             the tissue",
+        );
+        if self.has_effective_area() {
+            note.push_str(
+                "; the area with covered shares follows the pressure, so n, K, stiffness and moduli are those of the effective \
+                 area, not of the tissue, and can be compared only between results of the same contact rule",
+            );
+        }
+        note
+    }
+
     /// Fits all regions. `progress` receives each region when its fit is complete; regions may complete in any order.
     pub fn fit(&mut self, progress: &(dyn Fn(Region) + Sync)) {
         self.fits = crate::fit(&self.steps, &self.options, progress).into();

@@ -1,6 +1,7 @@
 //! All integration tests of this package in one program: separate programs would be linked with the same libraries each.
 
 mod defects;
+mod effective_area;
 mod live;
 mod prior;
 mod rank;

@@ -2,6 +2,7 @@
 //! region does not affect the other regions.
 
 use fit::fixed::Scale;
+use fit::results::deformation_scale;
 use fit::synthetic::{Noise, curves, law, walk};
 use fit::{Filter, Measured, Options, RegionFit, Step, fit, fit_each_step};
 use std::f64::consts::PI;
@@ -109,17 +110,20 @@ fn c_follows_from_the_measurement_of_a_region() {
     let steps = walk(6, 100.0, Filter::Direct, 0.0, 1);
     let (strain, curvature_m) = measured(&steps, C_M, 0.012);
     let least_squares = Options { prior: None, ..OPTIONS };
-    for (measurement, name) in [
-        (Measured { peak_strain: Some(strain), ..Measured::NONE }, "peak_strain"),
-        (Measured { curvature_m, ..Measured::NONE }, "curvature"),
-        (Measured { curvature_m: [None, curvature_m[1]], ..Measured::NONE }, "curvature"),
-        (Measured { peak_strain: Some(strain), curvature_m, has_thickness: true }, "peak_strain"),
+    // The last number is the share of assumption, %: a curvature determines C only with the assumption of Eq. 14.
+    for (measurement, name, assumed_percent) in [
+        (Measured { peak_strain: Some(strain), ..Measured::NONE }, "peak_strain", 50),
+        (Measured { curvature_m, ..Measured::NONE }, "curvature", 50),
+        (Measured { curvature_m, has_thickness: true, ..Measured::NONE }, "curvature", 50),
+        (Measured { curvature_m: [None, curvature_m[1]], ..Measured::NONE }, "curvature", 50),
+        (Measured { peak_strain: Some(strain), curvature_m, has_thickness: true }, "peak_strain", 0),
     ] {
         let mut options = least_squares;
         options.measured[0] = measurement;
         let fits = fitted(&steps, &options);
         assert!(fits.iter().all(|fit| fit.defects.is_empty()));
         assert_eq!(fits[0].fixed.scale.name(), name);
+        assert_eq!(deformation_scale(&fits[0].fixed).assumed_percent(), assumed_percent, "{name}");
         assert!((fits[0].ellipsoid.c_m / C_M - 1.0).abs() < 1e-5, "{name}: {} m", fits[0].ellipsoid.c_m);
         assert_eq!(fits[1].fixed.scale, Scale::Assumed(OPTIONS.compression));
         // The force does not depend on C.

@@ -6,7 +6,7 @@ use plantar::pipeline::model::Ellipsoid;
 use std::fmt;
 use std::str::FromStr;
 
-/// European shoe size, a whole number from 35 to 46, as in Table 1 of the paper (DeBerardinis et al. 2019).
+/// European shoe size, a whole number from 20 to 52. Table 1 of the paper (DeBerardinis et al. 2019) has the sizes 35 to 46.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InsoleSize(u8);
 
@@ -15,8 +15,8 @@ impl FromStr for InsoleSize {
 
     fn from_str(text: &str) -> Result<Self, String> {
         match text.parse() {
-            Ok(size @ 35..=46) => Ok(Self(size)),
-            _ => Err(format!("{text}: a European shoe size is required, a whole number from 35 to 46")),
+            Ok(size @ 20..=52) => Ok(Self(size)),
+            _ => Err(format!("{text}: a European shoe size is required, a whole number from 20 to 52")),
         }
     }
 }
@@ -25,6 +25,15 @@ impl InsoleSize {
     /// The size as a number.
     pub fn eur(self) -> u8 {
         self.0
+    }
+
+    /// A note for the user on a size that is not one of the paper: its typical values are proportional to its length, but no data
+    /// show that they are. `None` for the sizes of the paper.
+    pub fn extrapolation_note(self) -> Option<String> {
+        let is_of_paper = (35..=46).contains(&self.0);
+        (!is_of_paper).then(|| {
+            format!("size {self} is outside of the sizes of the paper (35 to 46): thickness and areas are extrapolated")
+        })
     }
 
     /// Length of the foot relative to that of size 42.
@@ -112,6 +121,16 @@ impl TypicalRange {
 const MARGIN: f64 = 1.3;
 
 impl Parameters {
+    /// Typical values for the size that the user has stated. Without one, those of the default size, and the subject states that
+    /// this size is assumed.
+    pub fn typical_for(stated: Option<InsoleSize>) -> Self {
+        let mut parameters = Self::typical(stated.unwrap_or_default());
+        if stated.is_none() {
+            parameters.subject.push_str(" assumed");
+        }
+        parameters
+    }
+
     /// Typical values for a size: lengths are proportional to the size, K, G, n and m are the same for all sizes.
     pub fn typical(size: InsoleSize) -> Self {
         let scale = size.scale();
@@ -139,5 +158,64 @@ impl Parameters {
             regions,
             deformation: DeformationScale::ALL_ASSUMED,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{InsoleSize, Parameters, TypicalRange};
+
+    fn size(text: &str) -> Result<InsoleSize, String> {
+        text.parse()
+    }
+
+    /// Lengths are proportional to the size, and areas to its square (docs/identification.md). The values of size 42 are those of
+    /// the table there: a heel of 16 mm, 10 mm under metatarsals 3-5, 7 mm at the lesser toes.
+    #[test]
+    fn thickness_and_areas_at_both_ends_of_the_sizes_follow_from_those_of_size_42() {
+        let of_42 = TypicalRange::of(InsoleSize::default());
+        for number in [20u8, 52] {
+            let size = size(&number.to_string()).expect("a size");
+            let ratio = f64::from(number) / 42.0;
+            let thickness_m = size.thickness_m();
+            for (region, at_42_mm) in [(0, 16.0), (4, 10.0), (7, 7.0)] {
+                assert!((thickness_m[region] - at_42_mm * 1e-3 * ratio).abs() < 1e-9, "{number}: {thickness_m:?}");
+            }
+            let parameters = Parameters::typical(size);
+            assert_eq!(parameters.tissue().check(), Ok(()), "{number}");
+            for (region, range) in TypicalRange::of(size).iter().enumerate() {
+                let ([least, most], ellipsoid) = (range.area_mm2, &parameters.regions[region]);
+                let expected = of_42[region].area_mm2.map(|mm2| mm2 * ratio * ratio);
+                assert!((least - expected[0]).abs() < 1e-9 && (most - expected[1]).abs() < 1e-9, "{number}: {range:?}");
+                assert!(0.0 < least && least < most && range.pressure_kpa == of_42[region].pressure_kpa, "{number}");
+                // The largest area is part of the ellipse of the whole region.
+                assert!(most < std::f64::consts::PI * ellipsoid.a_m * ellipsoid.b_m * 1e6, "{number}: {region}");
+            }
+        }
+    }
+
+    #[test]
+    fn only_the_sizes_of_the_paper_have_no_note() {
+        for number in 0..=60u8 {
+            let note = size(&number.to_string()).map(InsoleSize::extrapolation_note);
+            match number {
+                35..=46 => assert_eq!(note, Ok(None), "{number}"),
+                20..=52 => {
+                    let note = note.expect("a size").expect("a note");
+                    assert!(
+                        note.starts_with(&format!("size {number} is outside")) && note.contains("35 to 46"),
+                        "{note}"
+                    );
+                }
+                _ => assert!(note.is_err_and(|problem| problem.contains("from 20 to 52")), "{number}"),
+            }
+        }
+    }
+
+    #[test]
+    fn the_subject_states_that_a_size_is_assumed() {
+        assert_eq!(Parameters::typical_for(None).subject, "typical, size 42 assumed");
+        assert_eq!(Parameters::typical_for(size("42").ok()).subject, "typical, size 42");
+        assert_eq!(Parameters::typical_for(None).tissue(), Parameters::typical(InsoleSize::default()).tissue());
     }
 }

@@ -416,9 +416,11 @@ impl Parameters {
             }
             if scale != DeformationScale::Assumed {
                 let source = match scale {
-                    DeformationScale::Measured => "thickness and peak strain, or the curvature, are measured",
+                    DeformationScale::Measured => "thickness and peak strain are measured",
                     DeformationScale::AssumedThickness => "the thickness is assumed, the peak strain measured",
-                    DeformationScale::AssumedCompression => "the peak strain is assumed, the thickness measured",
+                    DeformationScale::AssumedCompression => {
+                        "the peak strain is assumed, the thickness measured; or the curvature is measured, and Eq. 14 assumed"
+                    }
                     DeformationScale::Assumed => "thickness and peak strain are assumed",
                 };
                 let _ = writeln!(text, "deformation_scale = {:?} # source of C: {source}", scale.name());

@@ -4,15 +4,15 @@ use plantar::Region;
 use std::fmt;
 
 /// The source of C, the scale of the deformation of a region. The largest deformation is the product of the thickness of the
-/// tissue and of its largest compression (the peak strain). C follows from measurements alone if both were measured, or if a
-/// curvature of the sole was measured, which determines C without them (docs/identification.md).
+/// tissue and of its largest compression (the peak strain). C follows from measurements alone if both were measured. A measured
+/// curvature of the sole determines C without them, but only with an assumption on the compression (docs/identification.md).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeformationScale {
     /// Measurements.
     Measured,
     /// A measured compression of a thickness that is typical for the shoe size.
     AssumedThickness,
-    /// An assumed compression of a measured thickness.
+    /// An assumed compression of a measured thickness, or a measured curvature, from which the compression follows by Eq. 14.
     AssumedCompression,
     /// An assumed compression of a typical thickness, or an unknown source.
     #[default]
@@ -44,7 +44,7 @@ impl DeformationScale {
     }
 
     /// The share of assumption, %: how many of the two factors, thickness and compression, are assumed. The deformation is in
-    /// proportion to each of them.
+    /// proportion to each of them. A deformation that follows from a curvature does not depend on the thickness.
     pub fn assumed_percent(self) -> u32 {
         match self {
             Self::Measured => 0,

@@ -6,6 +6,7 @@ import type { FootResult, RegionResult } from "./identify_core";
 import { CHECK_STEPS, RELIABLE_STEPS, TARGET_STEPS } from "./identify_rules";
 import type { Foot, IdentifySession } from "./identify_session";
 import type { Insoles } from "./insoles";
+import { SHOE_SIZES } from "./settings";
 import { SIDES, sideTitle } from "./side";
 
 /** Least share of an insole's frames that must arrive. Below it, the wearer is warned before the session. */
@@ -121,7 +122,7 @@ function start(state: IdentifyState): Node[] {
   const feet = sides.length === 2 ? "Both insoles are connected." : sides.length === 1
     ? `Only the ${sides[0]} insole is connected. Connect the other one too, or continue with one foot.`
     : "No insole is connected. Connect your insoles, then return to this view.";
-  const sizes = Array.from({ length: 12 }, (_, i) => String(35 + i));
+  const sizes = Array.from({ length: SHOE_SIZES.max - SHOE_SIZES.min + 1 }, (_, i) => String(SHOE_SIZES.min + i));
   const option = (size: string): Node => ["option", size === String(shoe_size) ? { selected: "" } : {}, size];
   return [
     ["p", {},

@@ -13,7 +13,7 @@ export interface Settings {
   body_mass_kg: number | null;
   mass_unit: "kg" | "lb";
   force_unit: "N" | "%BW";
-  /** European shoe size, 35 to 46. */
+  /** European shoe size, a whole number. */
   shoe_size: number;
   /** Whether an alert sounds. */
   alert_sound: boolean;
@@ -42,6 +42,9 @@ export const LIMITS = {
   stride_cm: { min: 10, max: 400 },
 } as const;
 
+/** The smallest and the largest shoe size, as of the command line. */
+export const SHOE_SIZES = { min: 20, max: 52 } as const;
+
 /** True if the wearer can state this value. False for NaN. */
 export const isWithinLimits = (key: keyof typeof LIMITS, value: number) => value >= LIMITS[key].min && value <= LIMITS[key].max;
 
@@ -64,7 +67,8 @@ export function loadSettings(storage: () => Storage): Settings {
       body_mass_kg: stated("body_mass_kg"),
       mass_unit: oneOf("mass_unit", "kg", "lb"),
       force_unit: oneOf("force_unit", "N", "%BW"),
-      shoe_size: Number.isInteger(shoe_size) ? Math.min(46, Math.max(35, shoe_size as number)) : DEFAULTS.shoe_size,
+      shoe_size: Number.isInteger(shoe_size)
+        ? Math.min(SHOE_SIZES.max, Math.max(SHOE_SIZES.min, shoe_size as number)) : DEFAULTS.shoe_size,
       alert_sound: oneOf("alert_sound", false, true),
       alert_vibration: oneOf("alert_vibration", false, true),
       alert_screen: oneOf("alert_screen", false, true),

@@ -30,6 +30,13 @@ test("the settings are those that were stored", () => {
   expect(loadSettings(storage)).toEqual(settings);
 });
 
+test("the shoe sizes of children and of large feet remain as they are", () => {
+  for (const [stored, expected] of [[20, 20], [28, 28], [50, 50], [52, 52], [19, 20], [53, 52], [41.5, 42]]) {
+    const storage = () => ({ getItem: () => JSON.stringify({ shoe_size: stored }) }) as unknown as Storage;
+    expect(loadSettings(storage).shoe_size).toBe(expected);
+  }
+});
+
 test("invalid stored settings have their defaults", () => {
   const invalid = { mass_unit: "stone", force_unit: 1, shoe_size: "42", alert_sound: "yes", alert_vibration: null, alert_screen: 1 };
   for (const [body_mass_kg, stride_cm] of [[0.9, 9], [701, 401], [-70, -150], ["70", null]]) {

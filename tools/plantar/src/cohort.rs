@@ -236,7 +236,7 @@ impl Cohort {
         if of_unknown_size > 0 {
             println!(
                 "Participants without a size in participant.toml, counted as size {}: {of_unknown_size}.",
-                self.search.size
+                self.search.size.unwrap_or_default()
             );
         }
         if let Some(path) = &self.summary {

@@ -95,9 +95,9 @@ pub struct Search {
     /// determines the thickness, and --compression C.
     #[arg(long, visible_alias = "thickness", value_name = "FILE")]
     pub(crate) tissue: Option<PathBuf>,
-    /// European shoe size, a whole number from 35 to 46, to which the typical tissue thickness is scaled.
-    #[arg(long, default_value_t)]
-    pub(crate) size: InsoleSize,
+    /// European shoe size, a whole number from 20 to 52, to which the typical tissue thickness is scaled [default: 42].
+    #[arg(long)]
+    pub(crate) size: Option<InsoleSize>,
     /// Assumed largest compression of the tissue, as a fraction of its thickness. It determines the vertical radius C of regions
     /// without a measured peak strain or curvature.
     #[arg(long, value_name = "FRACTION", default_value_t = COMPRESSION)]
@@ -156,16 +156,22 @@ impl Search {
             method,
             has_paper_bounds: matches!(self.bounds, BoundsName::Paper),
             tissue: self.tissue.clone(),
-            size: self.size,
+            size: self.size.unwrap_or_default(),
             compression: self.compression,
         }
     }
 
-    /// The options of the fit. Prints a note on stderr for each value of the tissue that is out of range. `resamples` is the
-    /// number of bootstrap resamples of the steps.
+    /// The options of the fit. Prints a note on stderr for each value of the tissue that is out of range, and if the size
+    /// determines a thickness but is assumed or extrapolated. `resamples` is the number of bootstrap resamples of the steps.
     pub fn options(&self, resamples: u64) -> Result<Options> {
         let (options, notes) = self.options_and_notes(resamples)?;
         print_notes(&notes);
+        if self.size.is_none() && options.measured.iter().any(|measured| !measured.has_thickness) {
+            eprintln!(
+                "note: size {} assumed for the typical thickness of the tissue; --size states it",
+                InsoleSize::default()
+            );
+        }
         Ok(options)
     }
 
@@ -207,7 +213,7 @@ impl Fit {
 
     /// A fit of one recording of a person with this shoe size, with the default values of the other options of the search, and
     /// with the outputs of [`Fit::of_streams`].
-    pub fn of_cells(recording: PathBuf, folder: &Path, contact: ContactArgs, size: InsoleSize) -> Self {
+    pub fn of_cells(recording: PathBuf, folder: &Path, contact: ContactArgs, size: Option<InsoleSize>) -> Self {
         let search = Search {
             filter: None,
             method: MethodName::Projection,
@@ -303,7 +309,7 @@ impl Fit {
         let fitted = study.fits.iter().flatten().count();
         if fitted > 0 {
             // If writing fails or is interrupted, an existing file with the previous parameters of the wearer is unchanged.
-            let toml = fit::results::to_toml(study, self.search.size);
+            let toml = fit::results::to_toml(study, self.search.size.unwrap_or_default());
             output::file(&self.out, |to| to.write_all(toml.as_bytes()))?;
         }
         if let Some(path) = &self.json {

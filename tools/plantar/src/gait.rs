@@ -6,9 +6,10 @@ use crate::paths::{check_folders, check_written};
 use crate::replay::{completed_step, progress, write_text};
 use crate::summary::{align, counted, table};
 use crate::tables::check_json;
+use crate::zero::GRAVITY_M_S2;
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use client::gait::{Estimate, FootStep, Gait, Length, MEASURES};
+use client::gait::{Estimate, FootGait, FootStep, Gait, Length, MEASURES};
 use client::{ClockMapping, STREAM_INSOLES, are_feet_comparable};
 use plantar::Side;
 use plantar::insole::Insole;
@@ -413,6 +414,13 @@ fn print(gait: &Gait, length: Option<Length>) {
     if let Some(cadence) = gait.cadence_per_min {
         println!("Cadence, steps per minute: {}", to_text(&cadence, 1));
     }
+    if let Some(force_n) = mean_force_n(gait) {
+        println!(
+            "Mean force of both feet over whole strides: {force_n:.0} N, the weight of {:.1} kg. In level walking, it is the \
+             weight of the body.",
+            force_n / GRAVITY_M_S2
+        );
+    }
     if let Some(length) = length {
         match (gait.speed_m_s(length), length) {
             (Some(speed_m_s), _) => println!("Walking speed: {speed_m_s:.2} m/s"),
@@ -425,13 +433,24 @@ fn print(gait: &Gait, length: Option<Length>) {
             }
         }
     }
-    let counts = |of: fn(&client::gait::FootGait) -> usize| format!("{} left, {} right", of(left), of(right));
+    let counts = |of: fn(&FootGait) -> usize| format!("{} left, {} right", of(left), of(right));
     println!("Strides in use: {}", counts(|foot| foot.strides.len()));
     println!(
         "Not used: with a pause or a missing step {}; without exactly one step of the other foot {}",
         counts(|foot| foot.gaps),
         counts(|foot| foot.unpaired)
     );
+}
+
+/// Mean total force over whole strides, N: the sum over both feet of the mean force-time integral, divided by the mean stride
+/// time. `None` unless both feet have strides. It needs no common clock of the feet.
+fn mean_force_n(gait: &Gait) -> Option<f64> {
+    let mean = |foot: &FootGait, key| {
+        let index = MEASURES.iter().position(|measure| measure.key == key)?;
+        Some(foot.measures[index]?.mean)
+    };
+    let of_foot = |foot| Some(mean(foot, "force_integral_n_s")? / mean(foot, "stride_time_s")?);
+    gait.feet.iter().map(of_foot).sum()
 }
 
 /// Formats an estimate with its standard deviation and its confidence interval, as far as they exist.

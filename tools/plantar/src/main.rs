@@ -34,6 +34,8 @@ mod view;
 mod zero;
 
 use clap::{Parser, Subcommand};
+use std::io::{self, Write};
+use std::panic::{catch_unwind, resume_unwind};
 use std::process::ExitCode;
 
 /// Regional loads, contact ellipses and tissue deformation from instrumented insoles.
@@ -110,26 +112,45 @@ enum Command {
 const PARTIAL: u8 = 3;
 
 /// Exit status after the program that reads the output has ended: the one that a shell reports for the signal SIGPIPE.
-const OUTPUT_CLOSED: i32 = 128 + 13;
+const OUTPUT_CLOSED: u8 = 128 + 13;
+
+/// The beginning of the panic with which the standard library reports output that cannot be written.
+const UNWRITABLE: &str = "failed printing to stdout: ";
 
 /// Lets the program end without a message if the program that reads its output has ended, as in `plantar info walk.parquet |
-/// head`, and with an error if the output cannot be written for another reason. The standard library reports both as panics.
+/// head`, and with an error if the output cannot be written for another reason. The standard library reports both as panics. A
+/// panic of the main thread continues to [`main`], so that an emulated board is switched off.
 fn handle_unwritable_output() {
     let report_panic = std::panic::take_hook();
+    let main_thread = std::thread::current().id();
     std::panic::set_hook(Box::new(move |panic| {
-        match panic.payload_as_str().and_then(|text| text.strip_prefix("failed printing to stdout: ")) {
-            Some(problem) if problem.starts_with("Broken pipe") => std::process::exit(OUTPUT_CLOSED),
-            Some(problem) => {
-                eprintln!("error: the output cannot be written: {problem}");
-                std::process::exit(1);
-            }
-            None => report_panic(panic),
+        let Some(problem) = panic.payload_as_str().and_then(|text| text.strip_prefix(UNWRITABLE)) else {
+            return report_panic(panic);
+        };
+        let is_closed = problem.starts_with("Broken pipe");
+        if !is_closed {
+            // This output may be impossible, too.
+            let _ = writeln!(io::stderr(), "error: the output cannot be written: {problem}");
+        }
+        if std::thread::current().id() != main_thread {
+            std::process::exit(if is_closed { OUTPUT_CLOSED.into() } else { 1 });
         }
     }));
 }
 
 fn main() -> ExitCode {
     handle_unwritable_output();
+    catch_unwind(run).unwrap_or_else(|panic| {
+        match panic.downcast_ref::<String>().and_then(|text| text.strip_prefix(UNWRITABLE)) {
+            Some(problem) if problem.starts_with("Broken pipe") => ExitCode::from(OUTPUT_CLOSED),
+            Some(_) => ExitCode::FAILURE,
+            None => resume_unwind(panic),
+        }
+    })
+}
+
+/// Runs the command that the arguments name.
+fn run() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Import(import) => import.run(),
         Command::Info(info) => info.run(),

@@ -6,10 +6,11 @@ use crate::paths::check_written;
 use crate::records::Records;
 use crate::summary;
 use crate::view::View;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use client::{ClockMapping, Event, ReconnectPolicy, SessionStart, alert_to_json, bout_to_json, step_to_json};
 use parameters::DeformationScale;
+use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{CellFrame, Live, LoadRecord, ToDevice, ToHost};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -18,9 +19,10 @@ use std::time::Duration;
 
 /// Shows the live loads of the eight regions, alerts, and tables of the steps and the load bouts at the end.
 ///
-/// Press Ctrl-C or, in a terminal, q to end; SIGTERM ends the session, too. When the link is lost, the program reconnects. A
-/// step, load bout or alert remains on the insole until it has arrived on this computer and, with --json, --bouts and --alerts,
-/// is written to the file.
+/// Press Ctrl-C or, in a terminal, q to end; SIGTERM ends the session, too. When the link is lost, the program reconnects. The
+/// insole deletes steps, load bouts and alerts only once they are written to the files of --json, --bouts and --alerts. Without
+/// a file for its kind, a record and all later ones remain on the insole, which sends at most six of them; the live loads
+/// continue. `plantar record` stores all records, and --discard deletes those without a file.
 #[derive(Args)]
 pub struct Monitor {
     #[command(flatten)]
@@ -38,6 +40,9 @@ pub struct Monitor {
     /// empty.
     #[arg(long, value_name = "FILE")]
     alerts: Option<PathBuf>,
+    /// Delete all steps, load bouts and alerts that arrive from the insole, also those that no file stores.
+    #[arg(long)]
+    discard: bool,
 }
 
 /// Stores the messages of a session with an insole.
@@ -51,6 +56,11 @@ pub trait Sink {
     /// Returns the number of the newest stored record, if one was stored since the last call. This record and all earlier ones
     /// can be acknowledged.
     fn take_stored(&mut self) -> Option<u32>;
+
+    /// Returns a note for the user, if there is a new one.
+    fn take_note(&mut self) -> Option<String> {
+        None
+    }
 
     /// Processes a frame of all cells.
     fn cells(&mut self, _frame: &CellFrame) -> Result<()> {
@@ -116,6 +126,9 @@ pub fn follow(connection: &Connection, insole: &mut InsoleLink, view: &mut View,
         if let Some(number) = sink.take_stored() {
             insole.send(ToDevice::Acknowledge { number });
         }
+        if let Some(note) = sink.take_note() {
+            view.note(note)?;
+        }
     }
     Ok(())
 }
@@ -157,11 +170,7 @@ impl<'m> JsonArray<'m> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.file.seek(SeekFrom::Start(self.len))?;
         self.file.write_all(bytes)?;
-        match self.file.sync_data() {
-            // Devices such as /dev/null have no contents to synchronise. A pipe fails earlier, in `seek`.
-            Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
-            synced => synced,
-        }
+        client::sync_data(&self.file)
     }
 }
 
@@ -172,8 +181,34 @@ struct Collected<'m> {
     bouts: Option<JsonArray<'m>>,
     alerts: Option<JsonArray<'m>>,
     all: Records,
-    /// Number of the newest stored record, until [`Sink::take_stored`] returns it.
+    /// Number of the newest record to acknowledge, until [`Sink::take_stored`] returns it.
     stored: Option<u32>,
+    /// Number of the records that remain on the insole: the first one without a file, and all later ones, because an
+    /// acknowledgement also covers the records before it.
+    retained: usize,
+    /// States that records remain on the insole, until [`Sink::take_note`] returns it.
+    note: Option<String>,
+}
+
+impl Collected<'_> {
+    /// Counts a record that remains on the insole. `kind` is its kind, and `option` the option that names its file.
+    fn retain(&mut self, kind: &str, option: &str) -> Result<()> {
+        if self.retained == 0 {
+            self.note = Some(format!(
+                "the insole retains this {kind} and all later records, because {option} names no file for it, and sends at most \
+                 {RECORD_QUEUE} of them: store all records with `plantar record`, or delete those without a file with --discard"
+            ));
+        }
+        self.retained += 1;
+        match self.monitor.steps {
+            Some(limit) if self.retained >= RECORD_QUEUE && self.all.steps.len() < limit => bail!(
+                "--steps {limit}: only {} steps arrive, because the insole sends no further records before it may delete those that \
+                 have no file: add --json, --bouts and --alerts, or --discard",
+                self.all.steps.len()
+            ),
+            _ => Ok(()),
+        }
+    }
 }
 
 impl Sink for Collected<'_> {
@@ -184,19 +219,27 @@ impl Sink for Collected<'_> {
     fn load_record(&mut self, record: &LoadRecord, mapping: &ClockMapping) -> Result<()> {
         self.all.push(record);
         // The record is written before it is acknowledged, because the insole deletes an acknowledged record.
-        let (file, mut object) = match record {
-            LoadRecord::Step(step) => (&mut self.steps, step_to_json(step)),
-            LoadRecord::Bout(bout) => (&mut self.bouts, bout_to_json(bout)),
-            LoadRecord::Alert(alert) => (&mut self.alerts, alert_to_json(alert)),
+        let (file, mut object, kind, option) = match record {
+            LoadRecord::Step(step) => (&mut self.steps, step_to_json(step), "step", "--json"),
+            LoadRecord::Bout(bout) => (&mut self.bouts, bout_to_json(bout), "load bout", "--bouts"),
+            LoadRecord::Alert(alert) => (&mut self.alerts, alert_to_json(alert), "alert", "--alerts"),
         };
+        let is_without_file = file.is_none();
         if let Some(start_us) = mapping.start_us(record) {
             object["start_unix_s"] = (start_us as f64 / 1e6).into();
         }
         if let Some(file) = file {
             file.push(&object)?;
         }
+        if !self.monitor.discard && (is_without_file || self.retained > 0) {
+            return self.retain(kind, option);
+        }
         self.stored = Some(record.number());
         Ok(())
+    }
+
+    fn take_note(&mut self) -> Option<String> {
+        self.note.take()
     }
 
     fn take_stored(&mut self) -> Option<u32> {
@@ -221,7 +264,16 @@ impl Monitor {
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         note_unless_identified(insole.client());
         let mut view = View::open(insole.client().hello())?;
-        let mut records = Collected { monitor: self, steps, bouts, alerts, all: Records::default(), stored: None };
+        let mut records = Collected {
+            monitor: self,
+            steps,
+            bouts,
+            alerts,
+            all: Records::default(),
+            stored: None,
+            retained: 0,
+            note: None,
+        };
         let outcome = follow(&self.connection, &mut insole, &mut view, &mut records);
         view.close();
         records.all.print(&DeformationScale::ALL_ASSUMED);

@@ -2,7 +2,7 @@
 
 use crate::carrier::{AnyClient, Connection, InsoleLink};
 use crate::insole::{restart, settings};
-use crate::setup::{note_unless_personal, note_unless_same_foot, rule_in_words};
+use crate::setup::{note_if_extrapolated, note_unless_personal, note_unless_same_foot, rule_in_words};
 use crate::summary;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Subcommand;
@@ -20,9 +20,10 @@ use std::path::{Path, PathBuf};
 pub enum Params {
     /// Write typical parameters for a shoe size to a commented file. They are not personal.
     Typical {
-        /// European shoe size, a whole number from 35 to 46.
-        #[arg(long, default_value_t)]
-        size: InsoleSize,
+        /// European shoe size, a whole number from 20 to 52 [default: 42]. The values for sizes outside of 35 to 46 are
+        /// extrapolated.
+        #[arg(long)]
+        size: Option<InsoleSize>,
         /// The file to write.
         #[arg(long, value_name = "FILE", default_value = "params.toml")]
         out: PathBuf,
@@ -60,9 +61,10 @@ impl Params {
         match self {
             Self::Typical { size, out } => {
                 check_not_personal(out)?;
-                let toml = Parameters::typical(*size).to_toml();
-                output::file(out, |to| to.write_all(toml.as_bytes()))?;
-                println!("wrote {}: typical values for size {size}, not personal", out.display());
+                let parameters = Parameters::typical_for(*size);
+                note_if_extrapolated(*size);
+                output::file(out, |to| to.write_all(parameters.to_toml().as_bytes()))?;
+                println!("wrote {}: {}, not personal", out.display(), parameters.subject);
                 Ok(())
             }
             Self::Show { file: Some(file), .. } => {

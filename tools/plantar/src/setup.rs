@@ -32,7 +32,7 @@ impl InsoleArgs {
     pub fn is_given(&self) -> bool {
         let Self { wearer, contact, zero } = self;
         let values = [contact.contact_on, contact.contact_off, contact.contact_full];
-        wearer.params.is_some() || wearer.size != InsoleSize::default() || values != [None; 3] || zero.zero.is_some()
+        wearer.params.is_some() || wearer.size.is_some() || values != [None; 3] || zero.zero.is_some()
     }
 
     /// The contact rule for these parameters. See [`ContactArgs::rule`].
@@ -53,17 +53,19 @@ pub struct WearerArgs {
     /// The wearer's tissue parameters, a TOML file (`plantar fit` identifies personal ones).
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
-    /// Without --params, use typical parameters for this European shoe size, a whole number from 35 to 46. Typical parameters are
-    /// not personal.
-    #[arg(long, default_value_t, conflicts_with = "params")]
-    pub(crate) size: InsoleSize,
+    /// Without --params, use typical parameters for this European shoe size, a whole number from 20 to 52 [default: 42]. Typical
+    /// parameters are not personal, and those of sizes outside of 35 to 46 are extrapolated.
+    #[arg(long, conflicts_with = "params")]
+    pub(crate) size: Option<InsoleSize>,
 }
 
 impl WearerArgs {
-    /// Returns the parameters, and prints a note on stderr if they are not personal in all regions.
+    /// Returns the parameters, and prints notes on stderr if they are not personal in all regions, or extrapolated.
     pub fn parameters(&self) -> Result<Parameters> {
         let parameters = self.parameters_without_note()?;
         note_unless_personal(&parameters);
+        // The option conflicts with a parameter file, so the size is that of the parameters.
+        note_if_extrapolated(self.size);
         Ok(parameters)
     }
 
@@ -72,7 +74,7 @@ impl WearerArgs {
     pub fn parameters_without_note(&self) -> Result<Parameters> {
         Ok(match &self.params {
             Some(path) => Parameters::read(path)?,
-            None => Parameters::typical(self.size),
+            None => Parameters::typical_for(self.size),
         })
     }
 }
@@ -82,10 +84,15 @@ pub fn note_unless_personal(parameters: &Parameters) {
     parameters.typical_note().iter().for_each(|note| eprintln!("note: {note}"));
 }
 
+/// Prints a note on stderr if the typical parameters of the stated size are extrapolated.
+pub fn note_if_extrapolated(size: Option<InsoleSize>) {
+    size.and_then(InsoleSize::extrapolation_note).iter().for_each(|note| eprintln!("note: {note}"));
+}
+
 /// Prints a note on stderr if, in a region with typical parameters, areas or pressures of the steps are outside of those from
 /// which these were determined, as with another sensor or in a shoe.
-pub fn note_unless_applicable(parameters: &Parameters, size: InsoleSize, steps: &[Step]) {
-    let ranges = TypicalRange::of(size);
+pub fn note_unless_applicable(parameters: &Parameters, size: Option<InsoleSize>, steps: &[Step]) {
+    let ranges = TypicalRange::of(size.unwrap_or_default());
     let outside = parameters.typical_regions().into_iter().filter_map(|region| {
         let (i, range) = (region as usize, &ranges[region as usize]);
         let median = |of: fn(&StepRegion) -> f64| {

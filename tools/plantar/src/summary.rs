@@ -111,7 +111,7 @@ pub fn print(steps: &[Step], starts_s: &[f64], scales: &[DeformationScale; 8]) {
     if scales.iter().any(|scale| scale.assumed_percent() > 0) {
         println!(
             "Share of assumption in the scale of the deformation (50 % if either the thickness or the largest \
-             compression of the tissue is assumed, 100 % if both are): {}.",
+             compression of the tissue is assumed, or if it follows from a curvature, 100 % if both are assumed): {}.",
             AssumedShare(scales)
         );
     }

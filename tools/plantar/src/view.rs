@@ -54,6 +54,8 @@ pub struct View {
     alert: Option<(String, Instant)>,
     /// Why the link is lost, and the remedy; or why the insole sent no frames before it answered again; otherwise empty.
     notice: String,
+    /// A note about the session; empty if there is none.
+    note: String,
     /// True if the notice is [`NO_FRAMES`], which a frame removes.
     has_no_frames: bool,
     /// True once the user has ended the session, by a key or a signal.
@@ -99,6 +101,7 @@ impl View {
             step_count: 0,
             alert: None,
             notice: String::new(),
+            note: String::new(),
             has_no_frames: false,
             has_ended: false,
         }
@@ -132,6 +135,15 @@ impl View {
         self.title = " the link is lost ".into();
         self.has_no_frames = false;
         self.notice = reason.into();
+        self.redraw()
+    }
+
+    /// Shows a note about the session, which remains until the display is closed, and is then printed.
+    pub fn note(&mut self, note: String) -> Result<()> {
+        if self.terminal.is_none() {
+            eprintln!("note: {note}");
+        }
+        self.note = note;
         self.redraw()
     }
 
@@ -228,14 +240,19 @@ impl View {
         self.signals = None;
         if self.terminal.take().is_some() {
             ratatui::restore();
+            if !self.note.is_empty() {
+                eprintln!("note: {}", self.note);
+            }
         }
     }
 
     fn draw(&self, frame: &mut Frame) {
         // The loss of the link comes first: it is more urgent than an alert, because no further alert would arrive.
         let alert = self.alert.as_ref().map_or("", |(advice, _)| advice);
-        let message = format!("{}\n{alert}", self.notice);
-        let message = Paragraph::new(message.trim()).red().bold().wrap(Wrap { trim: true });
+        let urgent = Style::new().red().bold();
+        let parts = [(self.notice.as_str(), urgent), (alert, urgent), (&self.note, Style::new())];
+        let lines = parts.into_iter().flat_map(|(text, style)| text.lines().map(move |line| Line::styled(line, style)));
+        let message = Paragraph::new(lines.collect::<Vec<_>>()).wrap(Wrap { trim: true });
         // A draft shows how many lines the message needs.
         let mut draft = Buffer::empty(frame.area());
         (&message).render(draft.area, &mut draft);

@@ -309,7 +309,7 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     // If a participant's settings cannot be used, the participant's file in the table is removed.
     for (text, words) in [
         ("size = 36\nsise = 36", ["people/ann/participant.toml", "line 2", "sise"]),
-        ("\nsize = 47", ["people/ann/participant.toml", "line 2", "47: a European shoe size is required"]),
+        ("\nsize = 53", ["people/ann/participant.toml", "line 2", "53: a European shoe size is required"]),
         ("mass_kg = 7", ["people/ann/participant.toml", "mass_kg = 7", "10 to 300"]),
         ("height_cm = 1.7", ["people/ann/participant.toml", "height_cm = 1.7", "50 to 250"]),
         ("sex = 'f'", ["people/ann/participant.toml", "sex = \"f\"", "\"female\", \"male\" or \"other\""]),
@@ -326,16 +326,19 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
 }
 
 /// The name of an unfinished file contains the extension of the file: without it, the unfinished files of `steps` and
-/// `steps.parquet` would have the same name.
+/// `steps.parquet` would have the same name. It also contains the number of the process.
 #[test]
-fn the_unfinished_file_of_another_table_remains() {
+fn the_unfinished_file_of_another_table_or_process_remains() {
     let folder = tempfile::tempdir().expect("a folder");
-    // The unfinished file of a table with the name `steps`.
-    let unfinished = folder.path().join(".steps.part");
-    fs::write(&unfinished, "unfinished").expect("written");
+    let process = std::process::id();
+    let others = [format!(".steps.{process}.part"), ".steps.parquet.part".into(), ".steps.parquet.1.part".into()];
+    let others = others.map(|name| folder.path().join(name));
+    others.iter().for_each(|unfinished| fs::write(unfinished, "unfinished").expect("written"));
     let rows = [vec![("step", Value::Integer(Some(7)))]];
     table::write(&folder.path().join("steps.parquet"), None, &rows).expect("written");
-    assert_eq!(fs::read_to_string(&unfinished).expect("the file remains"), "unfinished");
+    for unfinished in &others {
+        assert_eq!(fs::read_to_string(unfinished).expect("the file remains"), "unfinished");
+    }
     assert!(folder.path().join("steps.parquet").is_file());
 }
 

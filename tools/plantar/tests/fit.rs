@@ -71,7 +71,7 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
     let parameters = Parameters::read(&path.join("p.toml")).expect("readable");
     assert!(parameters.personal && parameters.subject == "someone");
     let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");
-    for mark in ["measured", "fixed", "identified", "(95 %)"] {
+    for mark in ["within the region's borders", "fixed", "identified", "(95 %)"] {
         assert!(text.contains(mark), "no {mark} in {text}");
     }
     // Replay uses the contact rule of the parameters, and has the same errors as the fit.
@@ -127,6 +127,21 @@ fn steps_are_selected_and_options_are_recorded() {
     assert_eq!((&*identified.filter, &*identified.side, identified.steps), ("live", "right", 3));
     let (_, _, err) = run(path, "replay walk.parquet --params p.toml");
     assert!(err.contains("with the filter of the live stream"), "{err}");
+    for (size, of_replay, of_fit, is_extrapolated) in [
+        ("", "\"typical, size 42 assumed\" are not personal", "size 42 assumed for the typical thickness", false),
+        ("--size 42", "\"typical, size 42\" are not personal", "", false),
+        ("--size 50", "\"typical, size 50\" are not personal", "size 50 is outside of the sizes of the paper", true),
+    ] {
+        let (_, _, of_replayed) = run(path, &format!("replay walk.parquet {size}"));
+        let fit = "fit walk.parquet --steps 2-4 --filter live --bounds paper --out sized.toml";
+        let (_, _, of_fitted) = run(path, &format!("{fit} {size}"));
+        assert!(of_replayed.contains(of_replay) && of_fitted.contains(of_fit), "{size}: {of_replayed}{of_fitted}");
+        assert_eq!(of_fitted.contains("assumed"), size.is_empty(), "{size}: {of_fitted}");
+        for text in [of_replayed, of_fitted] {
+            let is_noted = text.contains("(35 to 46): thickness and areas are extrapolated");
+            assert_eq!(is_noted, is_extrapolated, "{size}: {text}");
+        }
+    }
 
     std::fs::write(path.join("thick.toml"), "heel = 20.5\n").expect("written");
     succeed(path, "fit walk.parquet --thickness thick.toml --compression 0.3 --size 40 --out p.toml --json p.json");

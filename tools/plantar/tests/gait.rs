@@ -92,6 +92,8 @@ fn a_stream_has_the_measures_of_both_feet_on_the_clock_of_the_host() {
     // 200 (800 - 760) / (800 + 760)
     assert!((mean(&gait, "peak_force_n", "symmetry_percent") - 5.128_205).abs() < 1e-5);
     assert!((gait["speed_m_s"].as_f64().expect("a speed") - 1.2).abs() < 1e-6);
+    // (300 + 300) N s in 1.1 s, and 545.45 N / 9.80665 m/s2.
+    assert!(text.contains("over whole strides: 545 N, the weight of 55.6 kg"), "{text}");
     assert!(text.contains("Walking speed: 1.20 m/s") && text.contains("Double support"), "{text}");
 }
 
@@ -231,6 +233,33 @@ fn recordings_of_both_feet_have_their_true_stride_and_step_times() {
     let output = self::gait(folder.path(), "left.parquet left.parquet");
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && text.contains("one file for each foot"), "{text}");
+}
+
+/// The expected mean is that of the force in all frames between two heel strikes that are a whole number of strides apart.
+#[test]
+fn the_mean_force_over_whole_strides_is_that_of_the_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let SyntheticWalk { stance_s, swing_s, .. } = SyntheticWalk::default();
+    let mut expected_n = 0.0;
+    for side in [Side::Left, Side::Right] {
+        let recording = walk(&SyntheticWalk { side, steps: 12, variation: 0.0, ..SyntheticWalk::default() }).recording;
+        let cells = &recording.layout.cells;
+        let force_n = |frame: usize| -> f64 {
+            let loads = cells.iter().zip(recording.frame(frame));
+            loads.map(|(cell, kpa)| cell.area_mm2 * f64::from(*kpa) * 1e-3).sum()
+        };
+        let frames = (8.0 * (stance_s + swing_s) * recording.rate_hz).round() as usize;
+        let first = recording.frames() / 6;
+        expected_n += (first..first + frames).map(force_n).sum::<f64>() / frames as f64;
+        recording.write(folder.path().join(format!("{}.parquet", side.name()))).expect("written");
+    }
+    let (_, text) = measures(folder.path(), "left.parquet right.parquet");
+    let (_, after) = text.split_once("over whole strides: ").expect("the line");
+    let force_n: f64 = after.split_once(" N").expect("a unit").0.parse().expect("a number");
+    // The force below the thresholds of heel strike and toe off is not part of a step.
+    assert!((0.98 * expected_n..1.005 * expected_n).contains(&force_n), "{force_n} {expected_n}");
+    // A single foot does not carry the body.
+    assert!(!measures(folder.path(), "left.parquet").1.contains("over whole strides"));
 }
 
 #[test]

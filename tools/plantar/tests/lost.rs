@@ -160,7 +160,7 @@ fn monitor_names_the_regions_with_typical_parameters() {
     let mut notes = |regions| {
         identified.regions = regions;
         let (listener, address) = listen();
-        let program = plantar(&["monitor", "--tcp", &address, "--steps", "1"]).spawn().expect("it runs");
+        let program = plantar(&["monitor", "--tcp", &address, "--steps", "1", "--discard"]).spawn().expect("it runs");
         let mut insole = Insole::with_steps([0]);
         let tissue = Parameters::typical(InsoleSize::default()).tissue();
         insole.session.restore_tissue(tissue, (regions > 0).then_some(identified));
@@ -170,6 +170,72 @@ fn monitor_names_the_regions_with_typical_parameters() {
     assert!(notes(0).contains("not known to be the wearer's (all regions)"));
     assert!(notes(0b1110_1110).contains("not known to be the wearer's (heel, metatarsals_35)"));
     assert_eq!(notes(u8::MAX), "");
+}
+
+/// The insole deletes an acknowledged record, and all records before it.
+#[test]
+fn monitor_acknowledges_nothing_from_the_first_record_on_that_no_file_stores() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let json = folder.path().join("steps.json");
+    let cases = [
+        (vec![], None, Some("this step")),
+        (vec!["--json", json.to_str().expect("text")], Some(0), Some("this load bout")),
+        (vec!["--discard"], Some(2), None),
+    ];
+    for (arguments, expected, noted) in cases {
+        let (listener, address) = listen();
+        let mut program = plantar(&["monitor", "--tcp", &address]).args(&arguments).spawn().expect("it runs");
+        let mut insole = Insole::with_steps([0]);
+        insole.session.push_record(testkit::bout(1));
+        insole.session.push_record(step(2));
+        let newest = Cell::new(None);
+        let is_last = after_time_requests(3);
+        assert!(insole.serve(listener.accept().expect("it connects").0, |message| {
+            if let ToDevice::Acknowledge { number } = message {
+                newest.set(Some(*number));
+            }
+            is_last(message)
+        }));
+        assert_eq!(newest.get(), expected, "{arguments:?}");
+        program.kill().expect("it is still running");
+        let (_, text) = wait_for_end(program);
+        assert_eq!(text.matches("the insole retains").count(), usize::from(noted.is_some()), "{text}");
+        assert!(text.contains(noted.unwrap_or_default()), "{text}");
+    }
+}
+
+#[test]
+fn monitor_reports_that_a_limit_of_steps_without_a_file_cannot_be_reached() {
+    let (listener, address) = listen();
+    let program = plantar(&["monitor", "--tcp", &address, "--steps", "7"]).spawn().expect("it runs");
+    assert!(!Insole::with_steps(0..6).serve(listener.accept().expect("it connects").0, is_acknowledgement));
+    let (output, text) = wait_for_end(program);
+    assert!(!output.status.success());
+    assert!(text.contains("--steps 7: only 6 steps arrive") && text.contains("--discard"), "{text}");
+}
+
+/// The log of a server can be on a full disk.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_server_that_cannot_report_a_lost_link_reconnects() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("index.html"), "the page").expect("a page");
+    let (listener, address) = listen();
+    let full = File::options().write(true).open("/dev/full").expect("a device");
+    let mut program = plantar(&["serve", "--port", "0", "--tcp", &address, "--page"])
+        .arg(folder.path())
+        .stderr(full)
+        .spawn()
+        .expect("it runs");
+    let (connected, connections) = mpsc::channel();
+    std::thread::spawn(move || listener.incoming().try_for_each(|host| connected.send(host)));
+    let connect = || connections.recv_timeout(Duration::from_secs(20)).expect("it connects").expect("a socket");
+    let mut insole = Insole::with_steps([]);
+    // The link is lost while the server answers pages.
+    assert!(insole.serve(connect(), after_time_requests(3)));
+    assert!(insole.serve(connect(), after_time_requests(3)));
+    program.kill().expect("it is still running");
+    wait_for_end(program);
 }
 
 #[test]
@@ -385,6 +451,30 @@ fn a_recorder_that_receives_a_signal_completes_its_files() {
         assert!(output.status.success(), "SIG{signal}: {:?} {text}", output.status);
         assert!(rows(&out.join("cells/000/part-00000.parquet")) > 1);
     }
+}
+
+/// A terminal that closes sends SIGHUP. `nohup`, which replaces all streams to the terminal, protects from it, as it does here for
+/// a program without such streams.
+#[test]
+#[cfg(unix)]
+fn a_recorder_completes_its_files_when_its_terminal_closes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("session");
+    let (listener, address) = listen();
+    let pair = native_pty_system().openpty(PtySize::default()).expect("a terminal");
+    let mut command = CommandBuilder::new("sh");
+    // The output is not a terminal, so that nothing has to read it.
+    command.args(["-c", "exec \"$0\" record --cells --tcp \"$1\" --out \"$2\" > /dev/null 2>&1"]);
+    command.args([env!("CARGO_BIN_EXE_plantar").as_ref(), address.as_ref(), out.as_os_str()]);
+    let mut child = pair.slave.spawn_command(command).expect("it runs");
+    let mut insole = Insole::with_steps([]).with_cells();
+    let mut host = listener.accept().expect("it connects").0;
+    assert!(insole.serve(&mut host, after_time_requests(3)));
+    let kill = format!("kill -HUP {}", child.process_id().expect("a process"));
+    assert!(Command::new("sh").args(["-c", &kill]).status().expect("a shell").success());
+    insole.serve(&mut host, |_| false);
+    assert!(child.wait().expect("it ends").success());
+    assert!(rows(&out.join("cells/000/part-00000.parquet")) > 1);
 }
 
 /// The link is lost again, and an answer does not arrive, while the recorder requests the cells after a reconnection.
@@ -750,7 +840,7 @@ mod serial {
     #[test]
     fn an_insole_that_was_silent_for_long_is_found_on_the_same_port() {
         let (mut port, _host, name) = port();
-        let program = plantar(&["monitor", "--steps", "2", "--serial", &name]).spawn().expect("it runs");
+        let program = plantar(&["monitor", "--steps", "2", "--discard", "--serial", &name]).spawn().expect("it runs");
         let mut insole = Insole::with_steps([0]);
         assert!(insole.serve(&mut port, is_acknowledgement));
         insole.is_silent = true;

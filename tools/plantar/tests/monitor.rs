@@ -14,10 +14,11 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Decoder, Live, Step, ToHost, decode};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::fs::File;
-use std::io::{Read, Write, copy};
+use std::io::{BufRead, BufReader, Read, Write, copy};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 /// Forwards bytes in one direction, in a thread of its own.
 fn forward(mut from: impl Read + Send + 'static, mut to: impl Write + Send + 'static) {
@@ -68,6 +69,64 @@ fn run_with_insole(arguments: &[&str]) -> Output {
     forward(link, host);
     board.play();
     program.wait_with_output().expect("the program ends")
+}
+
+/// The processes that a process has started, and that are running.
+#[cfg(target_os = "linux")]
+fn children(process: u32) -> Vec<u32> {
+    let children = std::fs::read_to_string(format!("/proc/{process}/task/{process}/children")).unwrap_or_default();
+    children.split_whitespace().map(|child| child.parse().expect("a number")).collect()
+}
+
+/// Waits until a process has ended. A process that nothing waits for remains in the state Z.
+#[cfg(target_os = "linux")]
+fn wait_until_ended(process: u32) {
+    let end = Instant::now() + Duration::from_secs(20);
+    let is_running = || {
+        let state = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+        state.rsplit(')').next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with(" Z"))
+    };
+    while is_running() {
+        assert!(Instant::now() < end, "process {process} is still running");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Neither a program that is killed nor one with an output that nothing reads any more leaves an emulator behind.
+#[test]
+#[cfg(target_os = "linux")]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn an_emulated_board_ends_with_the_program() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.parquet");
+    walk().write(&path).expect("written");
+    for is_killed in [true, false] {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_plantar"))
+            .arg("emulate")
+            .arg(&path)
+            .arg("--firmware")
+            .arg(std::env::var_os("PLANTAR_FIRMWARE").expect("the firmware of the emulated board"))
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let mut output = BufReader::new(program.stdout.take().expect("it is piped"));
+        let mut emulators = Vec::new();
+        while emulators.is_empty() {
+            // The second line, with the insole's name, appears once the board runs.
+            let count = output.read_line(&mut String::new()).expect("text");
+            assert!(count > 0, "no board was started");
+            emulators = children(program.id());
+        }
+        if is_killed {
+            program.kill().expect("it is still running");
+        }
+        drop(output);
+        let status = program.wait().expect("it ends");
+        if !is_killed {
+            assert_eq!(status.code(), Some(128 + 13));
+        }
+        emulators.into_iter().for_each(wait_until_ended);
+    }
 }
 
 /// A computed walk of three steps.

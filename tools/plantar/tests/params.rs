@@ -170,6 +170,18 @@ fn parameters_are_sent_shown_and_read() {
     }
     let shown = succeed(path, "show other.toml");
     assert!(shown.starts_with("typical, size 41, not personal"));
+    for (size, subject, is_extrapolated) in [
+        ("", "typical, size 42 assumed, not personal", false),
+        ("--size 46", "typical, size 46, not personal", false),
+        ("--size 50", "typical, size 50, not personal", true),
+        ("--size 20", "typical, size 20, not personal", true),
+    ] {
+        let output = params(path, &format!("typical {size} --out sized.toml"));
+        let [text, notes] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("text"));
+        assert!(output.status.success() && text.contains(subject), "{size}: {text}{notes}");
+        assert_eq!(notes.contains("outside of the sizes of the paper (35 to 46)"), is_extrapolated, "{size}: {notes}");
+        assert!(succeed(path, "show sized.toml").starts_with(subject), "{size}");
+    }
 
     // A control character in a text that the program prints would have an effect on the terminal.
     let text = std::fs::read_to_string(path.join("other.toml")).expect("a file");
@@ -259,7 +271,9 @@ fn settings_are_set_shown_and_removed() {
         ("set --contact-full 150", "nothing to change"),
         ("set --contact-on 5", "off_kpa <= on_kpa"),
         ("set --rate 500", "50..=400"),
-        ("set --size 60", "from 35 to 46"),
+        ("set --size 53", "from 32 to 52"),
+        // The firmware limits the scale of its layout to 0.75 to 1.25.
+        ("set --size 31", "from 32 to 52"),
         ("set --reset --rate 100", "cannot be used with"),
     ] {
         let (done, _, text) = run(arguments);

@@ -7,6 +7,7 @@ use crate::pages::CheckedPages;
 use crate::source::Source;
 use crate::{Error, Recording, Result};
 use bytes::Bytes;
+use parquet::basic::CompressionCodec;
 use parquet::column::reader::ColumnReaderImpl;
 use parquet::data_type::{DataType, DoubleType, FloatType};
 use parquet::errors::ParquetError;
@@ -65,6 +66,7 @@ impl ColumnFile {
             let cells = head.cells();
             check::layout(&head.layout, &file)?;
             check_columns(reader.metadata().file_metadata().schema_descr(), cells, &file)?;
+            check_compression(&reader, &file)?;
             Ok((head, Self { path: path.into(), reader, cells }))
         })
     }
@@ -204,6 +206,20 @@ const COPY_AGAIN: &str = "copy it again, or import the measurement again";
 
 fn damaged(place: &str, error: &ParquetError) -> Error {
     Error::content(place, format!("damaged Parquet data ({error})"), "copy or import the file again")
+}
+
+/// Checks that all columns are compressed by a method that this program supports.
+fn check_compression(reader: &SerializedFileReader<Source>, file: &str) -> Result<()> {
+    let columns = reader.metadata().row_groups().iter().flat_map(RowGroupMetaData::columns);
+    let is_supported = |codec: &_| matches!(codec, CompressionCodec::UNCOMPRESSED | CompressionCodec::SNAPPY);
+    match columns.map(|column| column.compression_codec()).find(|codec| !is_supported(codec)) {
+        Some(codec) => Err(Error::content(
+            file,
+            format!("compressed with {}, which is not supported", format!("{codec:?}").to_lowercase()),
+            "write it with snappy or without compression",
+        )),
+        None => Ok(()),
+    }
 }
 
 /// The largest pressure of a cell in a row group by the statistics of its column, kPa, if they state a possible one.

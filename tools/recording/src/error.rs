@@ -9,7 +9,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused to open, read or write a file.
-    #[error("{}: {reason}; check the path, its permissions and the free disk space", file.display())]
+    #[error("{}: {reason}; check {}", file.display(), to_check(reason.kind()))]
     Io {
         /// The file.
         file: PathBuf,
@@ -36,6 +36,15 @@ impl Error {
     /// Returns a conversion that adds the name of `file` to an I/O error.
     pub(crate) fn io(file: &Path) -> impl FnOnce(std::io::Error) -> Self {
         move |reason| Error::Io { file: file.to_owned(), reason }
+    }
+}
+
+/// What the user should check after an I/O error of this kind.
+fn to_check(kind: std::io::ErrorKind) -> &'static str {
+    match kind {
+        std::io::ErrorKind::NotFound => "the path",
+        std::io::ErrorKind::PermissionDenied => "the path and its permissions",
+        _ => "the path, its permissions and the free disk space",
     }
 }
 

@@ -63,13 +63,13 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
         return Err(Error::content(path.display().to_string(), "not a regular file", "name another file"));
     }
     output::at(path, |incomplete| {
-        let file = File::create(incomplete)?;
-        write_columns(recording, json, file).map_err(io::Error::other)
+        let file = write_columns(recording, json, File::create(incomplete)?).map_err(io::Error::other)?;
+        output::sync(&file)
     })
 }
 
 /// Writes the columns, and `json` to the metadata.
-fn write_columns(recording: &Recording, json: String, file: File) -> std::result::Result<(), ParquetError> {
+fn write_columns(recording: &Recording, json: String, file: File) -> std::result::Result<File, ParquetError> {
     // The statistics state the largest value of each column in a row group, because a reader needs the largest pressure before
     // it reads the first frame.
     let properties = WriterProperties::builder()
@@ -100,9 +100,7 @@ fn write_columns(recording: &Recording, json: String, file: File) -> std::result
         }
         group.close()?;
     }
-    // Some file systems report a full disk only here.
-    writer.into_inner()?.sync_all()?;
-    Ok(())
+    writer.into_inner()
 }
 
 /// The columns of a recording with this number of cells.
@@ -175,16 +173,21 @@ pub fn check_columns(schema: &SchemaDescriptor, cells: usize, file: &str) -> Res
         ));
     }
     for (index, column) in schema.columns().iter().enumerate() {
-        let physical = match index {
-            0 => PhysicalType::DOUBLE,
-            _ => PhysicalType::FLOAT,
+        let (physical, cast) = match index {
+            0 => (PhysicalType::DOUBLE, "cast the column to float64"),
+            _ => (PhysicalType::FLOAT, "cast the column to float32"),
         };
         let name = column_name(index);
-        if column.path().string() != name || column.physical_type() != physical || column.max_rep_level() != 0 {
+        let is_other_column = column.path().string() != name || column.max_rep_level() != 0;
+        if is_other_column || column.physical_type() != physical {
             return Err(Error::content(
                 format!("{file}: column {}", index + 1),
-                format!("`{}` of type {}, expected `{name}` of type {physical}", column.path(), column.physical_type()),
-                reimport,
+                format!(
+                    "`{}` of type {}, expected `{name}` of type {physical}",
+                    column.path().string(),
+                    column.physical_type()
+                ),
+                if is_other_column { reimport } else { cast },
             ));
         }
     }

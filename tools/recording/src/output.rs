@@ -3,7 +3,7 @@
 use crate::{Error, Result};
 use std::ffi::OsString;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{self, Path, PathBuf};
 
 /// Largest number of symbolic links that are followed, each of which leads to the next one, as on Linux.
@@ -23,13 +23,20 @@ pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<
     })
 }
 
-/// Synchronises a file with the disk, because some file systems report a full disk only then. A device or a pipe cannot be
-/// synchronised.
+/// Synchronises a file or folder with the disk, because some file systems report a full disk only then.
 ///
 /// # Errors
-/// Fails if the file cannot be stored.
+/// Fails if the file cannot be stored. Devices, pipes, some network shares and folders do not support the request, which is no
+/// error.
 pub fn sync(file: &File) -> io::Result<()> {
-    if file.metadata()?.is_file() { file.sync_all() } else { Ok(()) }
+    /// The number of the error with which macOS refuses the request for an SMB share (ENOTSUP), and for which the standard library
+    /// has no kind.
+    const MACOS_NOT_SUPPORTED: i32 = 45;
+    match file.sync_all() {
+        Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
+        Err(error) if cfg!(target_os = "macos") && error.raw_os_error() == Some(MACOS_NOT_SUPPORTED) => Ok(()),
+        synchronised => synchronised,
+    }
 }
 
 /// True if the path ends with a separator, so that it can only name a folder.

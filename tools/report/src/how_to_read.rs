@@ -38,9 +38,9 @@ pub fn instructions(options: &Options) -> Markup {
             ". The ratio A/B, C and d₀ can be changed without a change of the force if the other parameters are adapted. "
             @match options.method {
                 Method::Projection =>
-                    "These three are fixed by other data: A/B by the measured contact ellipse, d₀ by the thickness, C by a \
-                     measured peak strain, a measured curvature of the unloaded sole, or an assumed compression. The values \
-                     of A, B, C, d₀, k and c are valid only for these fixed values. ",
+                    "These three are fixed by other data: A/B by the contact ellipse within the borders of the region, d₀ by the \
+                     thickness, C by a measured peak strain, a measured curvature of the unloaded sole, or an assumed \
+                     compression. The values of A, B, C, d₀, k and c are valid only for these fixed values. ",
                 Method::Paper => "The search determines these three arbitrarily. ",
             }
             "Compare people by the mechanical quantities. The force of this person does not determine the value of a parameter \
@@ -87,7 +87,7 @@ pub fn instructions(options: &Options) -> Markup {
              effective area, which also depends on the pressure. The measured force is the sum of the sensors: shear, and load \
              beside the sensors, are not part of it. \
              Deformations, and with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the \
-             tissue, or a curvature of the sole, were measured. The eight regions are a convention for comparing feet, not \
+             tissue were measured. The eight regions are a convention for comparing feet, not \
              anatomical structures. This is not a medical device; it must not be used for diagnosis."
         }
         p {

@@ -3,10 +3,10 @@
 use crate::format::{NONE, number};
 use crate::region::{TITLES, fitted};
 use fit::fixed::Scale;
-use fit::measures::Quantity;
 use fit::{Method, RegionFit, Study};
 use maud::{Markup, html};
 use plantar::Region;
+use std::fmt;
 
 /// A published measurement of a region.
 struct Published {
@@ -26,7 +26,7 @@ const CAVANAGH: &str =
 const FLUOROSCOPY: &str = "ten healthy adults, 23 to 72 years, dual fluoroscopy and pressure plate in walking";
 const ULTRASOUND: &str = "second metatarsal head of five healthy adults, ultrasound, first step, barefoot";
 
-const PUBLISHED: [Published; 6] = [
+const PUBLISHED: [Published; 4] = [
     Published {
         quantity: "Thickness, mm",
         region: Region::Heel,
@@ -62,35 +62,11 @@ const PUBLISHED: [Published; 6] = [
             let strain = number(fit.fixed.compression(&fit.law, fit.area_max_m2) * 100.0);
             let origin = match fit.fixed.scale {
                 Scale::PeakStrain(_) => "measured",
-                Scale::Curvature(_) => "computed from a measured curvature",
+                Scale::Curvature(_) => "computed from a measured curvature by Eq. 14",
                 Scale::Assumed(_) => "assumed",
                 Scale::Searched(_) => "result of the search",
             };
             Some(format!("{strain}, {origin}"))
-        },
-    },
-    Published {
-        quantity: "Viscous modulus, kPa\u{a0}s",
-        region: Region::Heel,
-        value: "43.9 (median)",
-        conditions: FLUOROSCOPY,
-        source: LOADING_HISTORY,
-        own: |fit| {
-            let measure = fit.measure(Quantity::ViscousModulus)?;
-            Some(if measure.is_determined() { number(measure.value) } else { "not determined".into() })
-        },
-    },
-    Published {
-        quantity: "Energy dissipated, share of the energy of loading",
-        region: Region::Heel,
-        value: "0.69 ± 0.08 (mean ± SD)",
-        conditions: "feet without pain, in a study of nine people with unilateral heel pain and nine controls, fluoroscopy and pressure \
-                     plate, walking at preferred speed",
-        source: "S. C. Wearing et al., Bulk compressive properties of the heel fat pad during walking, Clin. Biomech. 24 (2009) \
-                 397–402",
-        own: |fit| {
-            let value = |quantity| fit.measure(quantity).map(|m| m.value);
-            Some(number(value(Quantity::DissipatedEnergy)? / value(Quantity::LoadingEnergy)?))
         },
     },
 ];
@@ -129,6 +105,11 @@ pub fn literature(study: &Study) -> Markup {
                 }
             }
         }
+        p {
+            "Viscous modulus and dissipated energy are not comparable with published values of tissue, and therefore not listed: \
+             area and force come from the same pressures, so a viscous pressure also increases the deformation that is computed \
+             from the area, and both are smaller than those of the tissue."
+        }
         (paper(study))
     }
 }
@@ -147,8 +128,39 @@ struct Finding {
     paper: &'static str,
     /// The finding of this fit.
     here: String,
-    /// True if the two agree.
-    agrees: bool,
+    outcome: Outcome,
+}
+
+/// The outcome of the comparison of two findings.
+enum Outcome {
+    Agrees,
+    Contradicts,
+    /// The fit has no value of the tissue that could be compared, for this reason.
+    NotComparable(&'static str),
+}
+
+impl Outcome {
+    fn of(agrees: bool) -> Self {
+        if agrees { Self::Agrees } else { Self::Contradicts }
+    }
+
+    /// The outcome for a parameter of the force law, which is that of the tissue only if the area is that of the contact.
+    fn of_law(study: &Study, agrees: bool) -> Self {
+        match study.has_effective_area() {
+            true => Self::NotComparable("effective area"),
+            false => Self::of(agrees),
+        }
+    }
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Agrees => f.write_str("Agrees."),
+            Self::Contradicts => f.write_str("Contradicts."),
+            Self::NotComparable(reason) => write!(f, "Not comparable: {reason}."),
+        }
+    }
 }
 
 /// What the paper finds about the parameters, and what this fit finds.
@@ -157,14 +169,19 @@ fn paper(study: &Study) -> Markup {
     if fits.len() < COMPARED_REGIONS {
         return html! { p { "Too few regions were fitted for a comparison with the findings of the paper." } };
     }
-    let findings =
-        [Some(vertical(&fits)), Some(round(&fits)), Some(uniform(&fits)), exponent(&fits), Some(positive(&fits))];
+    let findings = [
+        Some(vertical(&fits)),
+        Some(round(&fits)),
+        Some(uniform(study, &fits)),
+        exponent(study, &fits),
+        Some(positive(study, &fits)),
+    ];
     html! {
         h3.spaced { "Findings of the paper" }
         ul.findings {
-            @for Finding { paper, here, agrees } in findings.into_iter().flatten() {
+            @for Finding { paper, here, outcome } in findings.into_iter().flatten() {
                 li {
-                    strong { (if agrees { "Agrees. " } else { "Contradicts. " }) }
+                    strong { (outcome) } " "
                     "Paper: " (paper) " Here: " (here)
                 }
             }
@@ -203,11 +220,12 @@ fn vertical(fits: &[(usize, &RegionFit)]) -> Finding {
             number(ratios[1]),
             names(fits, |fit| ratio(fit) * CLOSE >= 1.0)
         ),
-        agrees: ratios[1] * CLOSE < 1.0,
+        outcome: Outcome::of(ratios[1] * CLOSE < 1.0),
     }
 }
 
-/// The finding on the ratio of A and B.
+/// The finding on the ratio of A and B. A/B is the shape of the contact within the region's borders, which the borders largely
+/// determine, because the contact continues beyond them. So it neither agrees with a finding on the tissue nor contradicts it.
 fn round(fits: &[(usize, &RegionFit)]) -> Finding {
     let is_long = |fit: &RegionFit| fit.fixed.aspect.ln().abs() > CLOSE.ln();
     let aspects =
@@ -220,12 +238,12 @@ fn round(fits: &[(usize, &RegionFit)]) -> Finding {
             number(aspects[1]),
             names(fits, is_long)
         ),
-        agrees: !fits.iter().any(|(_, fit)| is_long(fit)),
+        outcome: Outcome::NotComparable("shape of the contact within the region's borders"),
     }
 }
 
 /// The finding on the differences of k between regions.
-fn uniform(fits: &[(usize, &RegionFit)]) -> Finding {
+fn uniform(study: &Study, fits: &[(usize, &RegionFit)]) -> Finding {
     let k = largest_over_smallest(fits.iter().map(|(_, fit)| fit.ellipsoid.k));
     let stiffness = largest_over_smallest(fits.iter().map(|(_, fit)| fit.law.stiffness_pa));
     Finding {
@@ -236,26 +254,26 @@ fn uniform(fits: &[(usize, &RegionFit)]) -> Finding {
             number(k),
             number(stiffness)
         ),
-        agrees: k <= UNIFORM,
+        outcome: Outcome::of_law(study, k <= UNIFORM),
     }
 }
 
 /// The finding on the region with the highest n; `None` if no region of the metatarsals was fitted.
-fn exponent(fits: &[(usize, &RegionFit)]) -> Option<Finding> {
+fn exponent(study: &Study, fits: &[(usize, &RegionFit)]) -> Option<Finding> {
     let is_metatarsal = |region: usize| [Region::Metatarsals12, Region::Metatarsals35].contains(&Region::ALL[region]);
     let largest = fits.iter().max_by(|a, b| a.1.law.n.total_cmp(&b.1.law.n)).map_or(0, |(region, _)| *region);
     fits.iter().any(|(region, _)| is_metatarsal(*region)).then(|| Finding {
         paper: "the stiffness exponent n is highest at the metatarsals.",
         here: format!("n is highest at: {}.", TITLES[largest].to_lowercase()),
-        agrees: is_metatarsal(largest),
+        outcome: Outcome::of_law(study, is_metatarsal(largest)),
     })
 }
 
 /// The finding on the sign of n.
-fn positive(fits: &[(usize, &RegionFit)]) -> Finding {
+fn positive(study: &Study, fits: &[(usize, &RegionFit)]) -> Finding {
     Finding {
         paper: "n is positive.",
         here: format!("n is not positive at: {}.", names(fits, |fit| fit.law.n <= 0.0)),
-        agrees: fits.iter().all(|(_, fit)| fit.law.n > 0.0),
+        outcome: Outcome::of_law(study, fits.iter().all(|(_, fit)| fit.law.n > 0.0)),
     }
 }

@@ -190,6 +190,7 @@ fn quantity_figures(study: &Study) -> Markup {
             "Single parameters of the model can compensate each other. These quantities cannot, so they can be compared \
              between recordings and people."
         }
+        p { strong { "Note: " } (study.measures_note()) "." }
         (legend(&quantities::legend()))
         figure { div.panels { @for chart in quantities::charts(study) { (chart.svg()) } } }
         (wide("Mechanical quantities by region", quantities::table(study)))

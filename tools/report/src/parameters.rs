@@ -181,8 +181,8 @@ fn cell(interval: &Interval, shown: &Parameter, range: Option<[f64; 2]>) -> Mark
 /// The table of the paper's eight parameters. A row below the titles states what determines each of them (its basis).
 pub fn eight(study: &Study) -> Markup {
     let heads = [
-        ("A", "mm", "medial-lateral radius", "identified A B, measured A/B"),
-        ("B", "mm", "heel-toe radius", "identified A B, measured A/B"),
+        ("A", "mm", "medial-lateral radius", "identified A B, A/B of the contact"),
+        ("B", "mm", "heel-toe radius", "identified A B, A/B of the contact"),
         ("C", "mm", "vertical radius", "fixed, see above"),
         ("d₀", "mm", "thickness", "fixed, see above"),
         ("k", "N/m³", "stiffness coefficient", "identified K, fixed C, d₀"),

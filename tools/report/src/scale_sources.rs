@@ -17,10 +17,12 @@ pub fn table(study: &Study) -> Markup {
                 "Tissue thickness d₀ and vertical ellipsoid radius C cannot be identified from the force. The table states \
                  their source, and by how much C and the results at 20 % strain change if the value from which C follows is "
                 (change) " smaller / larger. Share of assumption: 0 if C rests on measurements only, 50 % if either thickness or \
-                 compression is assumed, 100 % if both are, or if C results from the search of the paper. Unless it is 0, \
-                 stiffness, moduli and energies follow from a deformation (scaled by assumption). Ellipse misfit: area of \
-                 the ellipse with the second moments of the contact, relative to the contact area, minus 1; it is large for \
-                 a contact of separate parts, and for light contact if edge cells count with a fraction of their area."
+                 compression is assumed, or if C follows from a curvature, 100 % if both are, or if C results from the search of \
+                 the paper. Unless it is 0, stiffness, moduli and energies follow from a deformation (scaled by assumption). \
+                 C of a curvature follows from Eq. 14: an elastic half-space (Hertz) would be compressed twice as much. \
+                 Ellipse misfit: area of the ellipse with the second moments of the contact, relative to the contact area, \
+                 minus 1; it is large for a contact of separate parts, and for light contact if edge cells count with a \
+                 fraction of their area."
             }
             thead {
                 tr {

@@ -85,6 +85,22 @@ fn bars_begin_at_zero_even_if_errors_differ_by_a_large_factor() {
     }
 }
 
+/// Six pairs of successive sizes have six colours, also if some are larger or smaller than those of the paper.
+#[test]
+fn six_pairs_of_sizes_have_six_colours() {
+    for (smallest_eur, first) in [(20, 0), (35, 0), (41, 0), (39, 2)] {
+        let sizes = (smallest_eur..=52).step_by(2).take(6 - first);
+        let people: Vec<_> =
+            sizes.map(|size_eur| person("ann", size_eur, Sex::Female, 20.0, vec![trial(1.0)])).collect();
+        let cohort = Cohort { people: &people, feet: &[], incomplete: &[], contact: ContactRule::COUNTED };
+        let html = report::cohort_html(&cohort);
+        let is_used = |colour: &usize| html.contains(&format!("<g class=\"s{colour}\">"));
+        let used: Vec<_> = (0..6).filter(is_used).collect();
+        let expected: Vec<_> = (first..6).collect();
+        assert_eq!(used, expected, "from size {smallest_eur}");
+    }
+}
+
 #[test]
 #[ignore = "needs a font for the text: cargo xtask test"]
 fn the_picture_is_large_and_not_blank() {

@@ -1,6 +1,7 @@
 //! The session with one insole: passes its messages to the hub, and acknowledges records that a page or the recording has stored.
 
 use crate::hub::Hub;
+use crate::report;
 use client::{Carrier, Error, Event, Link, Open, ReconnectPolicy};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{LoadRecord, ToDevice, ToHost};
@@ -66,10 +67,10 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
                 if hub.has_ended() {
                     return;
                 }
-                eprintln!("{name}: {error}; trying again");
+                report(format_args!("{name}: {error}; trying again"));
             }
             Err(error) => {
-                eprintln!("{name}: {error}");
+                report(format_args!("{name}: {error}"));
                 return;
             }
         }

@@ -1,6 +1,7 @@
 //! Connects insoles with pages. Each page has a session of its own with each insole, in which the hub acts as the insole.
 
 use crate::lsl::Outlets;
+use crate::report;
 use client::{ClockMapping, StreamFile, unix_us};
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::setup::{Setup, SetupCell};
@@ -11,6 +12,7 @@ use plantar::protocol::{
 };
 use plantar::sequence;
 use std::collections::VecDeque;
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -110,11 +112,16 @@ impl Hub {
     }
 
     /// Called when the program ends: lost links are not reported afterwards, nothing is published, and the recording is complete.
-    pub fn end(&self) {
+    ///
+    /// # Errors
+    /// If the last messages cannot be written to the recording.
+    pub fn end(&self) -> io::Result<()> {
         self.has_ended.store(true, Ordering::Relaxed);
         // Without its end here, the last messages would remain in the buffer of the file, because other threads still run.
-        *self.recorder.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        let recorder = self.recorder.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let finished = recorder.map_or(Ok(()), StreamFile::finish);
         (0..self.insoles.len()).for_each(|index| self.insole(index).outlets = None);
+        finished
     }
 
     pub fn has_ended(&self) -> bool {
@@ -133,10 +140,10 @@ impl Hub {
         let Some(file) = recorder.as_mut() else { return false };
         let written = file.write(index as u8, message);
         if let Err(error) = &written {
-            eprintln!(
+            report(format_args!(
                 "the recording has ended: {error}; steps, load bouts and alerts remain on the insole until a page stores them: \
                  restart `plantar serve` with another file to record them"
-            );
+            ));
             *recorder = None;
         }
         written.is_ok()
@@ -156,11 +163,11 @@ impl Hub {
         let mut insole = self.insole(index);
         let insole = &mut *insole;
         if insole.outlets.take_if(|outlets| !outlets.describes(hello)).is_some() {
-            eprintln!(
+            report(format_args!(
                 "the firmware or settings of the {} insole have changed, so that the description of its LSL streams is wrong: \
                  they have ended; restart `plantar serve` to publish them again",
                 hello.side.name()
-            );
+            ));
         }
         if let Some(status) = status {
             // The session with this status begins below, so all records so far are of earlier sessions.
@@ -327,7 +334,8 @@ impl Hub {
         self.changed.send_replace(());
     }
 
-    /// Records a new record and passes it to the pages. A record that is already stored is acknowledged to the insole again.
+    /// Records a new record and passes it to the pages. A record that is already stored is acknowledged to the insole again. Must
+    /// not be called for the same insole by two threads at a time.
     pub fn load_record(&self, index: usize, record: LoadRecord) {
         let mut guard = self.insole(index);
         let insole = &mut *guard;
@@ -343,7 +351,12 @@ impl Hub {
             insole.update_pages();
             return;
         }
+        // Pages wait for the lock of the insole, so it is not held while the record is written, which may take long. Meanwhile no
+        // other thread adds records or begins a session: only the bridge of this insole does, and it called this function.
+        drop(guard);
         let is_recorded = self.record(index, &record.into());
+        let mut guard = self.insole(index);
+        let insole = &mut *guard;
         if insole.records.len() == HELD_RECORDS {
             insole.records.pop_front();
             insole.removed += 1;
@@ -891,6 +904,58 @@ mod tests {
         // Time, insole and length precede the message.
         let Some(ToHost::Time { host_us, device_us }) = decode(&file[7..]) else { panic!("one time: {file:?}") };
         assert!(host_us >= now_us && host_us - device_us == ahead_us, "{host_us} {device_us}");
+    }
+
+    /// The insole continues to send only if the records before are acknowledged.
+    #[test]
+    #[cfg(unix)]
+    fn records_in_a_recording_that_cannot_be_synchronised_are_acknowledged() {
+        let hub = Hub::new(vec![None], false, Some(StreamFile::create("/dev/null".as_ref()).expect("a device")));
+        hub.load_record(0, testkit::step(7).into());
+        assert_eq!(hub.acknowledgement(0), Some(7));
+        assert!(hub.end().is_ok());
+    }
+
+    /// Live frames are written together, the last ones at the end.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn live_frames_that_cannot_be_written_at_the_end_are_reported() {
+        let hub = Hub::new(vec![None], false, Some(StreamFile::create("/dev/full".as_ref()).expect("a device")));
+        hub.live(0, Live::default());
+        let error = hub.end().expect_err("the disk is full").to_string();
+        assert!(error.contains("cannot write /dev/full") && error.contains("No space left"), "{error}");
+    }
+
+    /// The recording is a pipe that is not read until a page has received its messages.
+    #[test]
+    #[cfg(unix)]
+    fn a_page_does_not_wait_until_a_record_is_written() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("walk.plantar");
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().expect("it runs").success());
+        // Opened for reading and writing, because a pipe without a reader cannot be opened.
+        let mut pipe = std::fs::File::options().read(true).write(true).open(&path).expect("a pipe");
+        let hub = Arc::new(Hub::new(vec![None], false, Some(StreamFile::create(&path).expect("a pipe"))));
+        let mut page = hub.join();
+        let (recorded, numbers) = std::sync::mpsc::channel();
+        let bridge = hub.clone();
+        std::thread::spawn(move || {
+            bridge.hello(0, &testkit::hello(), None, None, None, None);
+            (0..).try_for_each(|number| {
+                bridge.load_record(0, testkit::step(number).into());
+                recorded.send(number)
+            })
+        });
+        // The pipe is full once no further record is written.
+        while numbers.recv_timeout(Duration::from_secs(1)).is_ok() {}
+        let (received, messages) = std::sync::mpsc::channel();
+        std::thread::spawn(move || received.send(page.next()));
+        let message =
+            messages.recv_timeout(Duration::from_secs(20)).expect("the page does not wait").expect("a message");
+        assert!(matches!(decode(&message[1..]), Some(ToHost::Hello(_))));
+        // The thread ends after its present record, once this is written.
+        drop(numbers);
+        std::io::Read::read_exact(&mut pipe, &mut [0; 4096]).expect("messages");
     }
 
     #[test]

@@ -26,11 +26,14 @@ use client::{Error as LinkError, StreamFile};
 use hub::Hub;
 use liblsl::Liblsl;
 use lsl::Outlets;
-use std::io;
+use std::fmt;
+use std::io::{self, Write};
 use std::net::SocketAddr;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use thiserror::Error;
+use tokio::sync::mpsc::channel;
 use web::Listening;
 
 /// Largest number of insoles: one per foot.
@@ -79,6 +82,11 @@ pub enum Error {
     /// liblsl does not publish the stream with this name.
     #[error("liblsl cannot publish the stream {0}: check the network, and liblsl's configuration file lsl_api.cfg")]
     Stream(String),
+    /// The program failed while it served this insole.
+    #[error(
+        "{0}: an error of this program has ended the session with this insole: start the server again, and report the error"
+    )]
+    Bridge(String),
     /// The server failed.
     #[error("the server ended: {0}")]
     Io(#[from] io::Error),
@@ -118,17 +126,28 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
     let outlets = sessions.iter_mut().map(|(_, insole)| lsl.map(|lsl| publish(lsl, insole)).transpose());
     let outlets: Vec<Option<Outlets>> = outlets.collect::<Result<_, _>>()?;
     for outlets in outlets.iter().flatten() {
-        eprintln!("LSL streams: {}", outlets.names());
+        report(format_args!("LSL streams: {}", outlets.names()));
     }
     let hub = Arc::new(Hub::new(outlets, options.accepts_parameters, recorder));
+    let (panicked, panics) = channel(MAX_INSOLES);
     for (index, (name, insole)) in sessions.into_iter().enumerate() {
-        let hub = hub.clone();
-        // This thread runs until the program ends.
-        std::thread::spawn(move || bridge::run(&hub, index, &name, insole));
+        let (hub, panicked) = (hub.clone(), panicked.clone());
+        // This thread runs until the program ends. After a panic it uses nothing of the insole any more.
+        std::thread::spawn(move || {
+            if catch_unwind(AssertUnwindSafe(|| bridge::run(&hub, index, &name, insole))).is_err() {
+                // If nothing receives the name, the server has already ended.
+                let _ = panicked.try_send(name);
+            }
+        });
     }
-    let served = server.run(hub.clone(), options, ready);
-    hub.end();
-    served
+    let served = server.run(hub.clone(), options, panics, ready);
+    let finished = hub.end();
+    served.and(finished.map_err(Error::Io))
+}
+
+/// Prints a line on stderr. If it cannot be written, as to a file on a full disk, the server continues without it.
+fn report(line: fmt::Arguments) {
+    let _ = writeln!(io::stderr(), "{line}");
 }
 
 /// Publishes the streams of an insole over the Lab Streaming Layer.

@@ -15,6 +15,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use tokio::net::{TcpListener, TcpSocket};
 use tokio::runtime::Runtime;
+use tokio::sync::mpsc::Receiver;
 use tower_http::services::ServeDir;
 use tower_http::set_header::SetResponseHeaderLayer;
 
@@ -46,14 +47,21 @@ impl Listening {
         Ok(Self { runtime, listener })
     }
 
-    /// Serves until a signal ends the program.
-    pub fn run(self, hub: Arc<Hub>, options: &Options, ready: impl FnOnce(SocketAddr)) -> Result<(), Error> {
+    /// Serves until a signal ends the program, or `panics` receives the name of an insole that is no longer served.
+    pub fn run(
+        self,
+        hub: Arc<Hub>,
+        options: &Options,
+        mut panics: Receiver<String>,
+        ready: impl FnOnce(SocketAddr),
+    ) -> Result<(), Error> {
         ready(self.listener.local_addr()?);
         let router = router(hub, options);
         self.runtime.block_on(async {
             tokio::select! {
                 ended = axum::serve(self.listener, router) => Ok(ended?),
                 () = end_signal() => Ok(()),
+                Some(name) = panics.recv() => Err(Error::Bridge(name)),
             }
         })
     }
@@ -121,14 +129,25 @@ async fn forward(mut socket: WebSocket, mut page: Page) {
 
 #[cfg(unix)]
 async fn end_signal() {
+    use std::io::{self, IsTerminal};
     use tokio::signal::unix::{SignalKind, signal};
     let (Ok(mut interrupt), Ok(mut terminate)) = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
     else {
         return std::future::pending().await;
     };
+    // A terminal that closes sends this signal. `nohup`, which protects a program from it, replaces all streams to the terminal.
+    let is_on_terminal = io::stdin().is_terminal() || io::stdout().is_terminal() || io::stderr().is_terminal();
+    let mut hangup = if is_on_terminal { signal(SignalKind::hangup()).ok() } else { None };
+    let hung_up = async {
+        match &mut hangup {
+            Some(hangup) => _ = hangup.recv().await,
+            None => std::future::pending().await,
+        }
+    };
     tokio::select! {
         _ = interrupt.recv() => {}
         _ = terminate.recv() => {}
+        () = hung_up => {}
     }
 }
 

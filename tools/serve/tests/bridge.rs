@@ -17,6 +17,7 @@ use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
@@ -206,6 +207,48 @@ fn serve_sources(sources: Vec<Source>, record: Option<std::path::PathBuf>, accep
         serve::serve(sources, &options, |local| ready.send(local).expect("the test waits")).expect("it serves");
     });
     address.recv_timeout(TIMEOUT).expect("it serves in time")
+}
+
+/// The host's end of a cable; reading panics once the value is true.
+struct Faulty(Cable, Arc<AtomicBool>);
+
+impl Read for Faulty {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        assert!(!self.1.load(Ordering::Relaxed), "a panic that the test requested");
+        self.0.read(buffer)
+    }
+}
+
+impl Write for Faulty {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+/// A server that serves only one of two feet would look as if it served both.
+#[test]
+fn a_panic_in_the_session_with_an_insole_ends_the_server() {
+    let (left, right) = (Cable::new(Side::Left), Cable::new(Side::Right));
+    let panics = Arc::new(AtomicBool::new(false));
+    let (cable, is_faulty) = (left.clone(), panics.clone());
+    let open = move || Ok(Box::new(Framed::new(Faulty(cable.clone(), is_faulty.clone()))) as Box<dyn Carrier + Send>);
+    let faulty = Source { name: "left cable".into(), open: Box::new(open), tissue: None };
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("index.html"), "the page").expect("a page");
+    let listen = (Ipv4Addr::LOCALHOST, 0).into();
+    let page = folder.path().into();
+    let options = Options { listen, page, origins: Vec::new(), accepts_parameters: false, record: None, lsl: None };
+    let (ended, end) = channel();
+    std::thread::spawn(move || {
+        let served = serve::serve(vec![faulty, right.source()], &options, |_| panics.store(true, Ordering::Relaxed));
+        ended.send(served).expect("the test waits");
+    });
+    let error = end.recv_timeout(TIMEOUT).expect("it ends").expect_err("a foot is not served");
+    assert!(error.to_string().contains("left cable"), "{error}");
 }
 
 #[tokio::test]

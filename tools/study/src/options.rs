@@ -84,17 +84,20 @@ impl Search {
         })
     }
 
-    /// Reads the file of tissue measurements. Also returns a note for each value that is out of range and therefore not used.
+    /// Reads the file of tissue measurements. Also returns a note for each value that is out of range and therefore not used, and
+    /// one if the size determines a thickness, and is not one of the paper.
     ///
     /// # Errors
     /// Fails if the file cannot be read, or has another form.
     pub fn tissue(&self, read: ReadFile) -> Result<(TissueMeasurements, Vec<String>)> {
-        let Some(path) = &self.tissue else { return Ok(Default::default()) };
+        let extrapolated = self.size.extrapolation_note();
+        let Some(path) = &self.tissue else { return Ok((Default::default(), extrapolated.into_iter().collect())) };
         let tissue = TissueMeasurements::parse(&text(path, read(path))?, path)?;
         let regions = Region::ALL.iter().zip(&tissue.0);
         let note = |(region, value)| format!("{}: {}: {value}", path.display(), Region::name(region));
         let notes = regions.flat_map(|(&region, of)| of.rejected.iter().map(move |value| (region, value))).map(note);
-        let notes = notes.collect();
+        let is_typical = tissue.0.iter().any(|region| region.thickness_m.is_none());
+        let notes = notes.chain(extrapolated.filter(|_| is_typical)).collect();
         Ok((tissue, notes))
     }
 }

@@ -7,8 +7,9 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use parquet::schema::types::Type;
+use recording::output;
 use std::fs::{self, File};
-use std::io::{ErrorKind, Write};
+use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -90,20 +91,19 @@ impl From<i32> for Value {
 /// # Panics
 /// Panics if there are no rows.
 pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row<Name>]) -> Result<()> {
-    // The name of the unfinished file begins with a dot, because programs that read a folder as a table ignore such files.
-    let temporary = path.with_file_name(format!(".{}.part", path.file_name().unwrap_or_default().to_string_lossy()));
+    // The name of the unfinished file begins with a dot, because programs that read a folder as a table ignore such files. It
+    // contains the number of this process, because another one may write the same table at the same time.
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let temporary = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        to_parquet(File::create(&temporary)?, metadata, &rows[0], [rows])?.sync_all()?;
+        output::sync(&to_parquet(File::create(&temporary)?, metadata, &rows[0], [rows])?)?;
         fs::rename(&temporary, path)?;
-        // The new name is also synchronised. Windows has no such request for a folder, and neither have some file systems.
+        // The new name is also synchronised. Windows has no such request for a folder.
         #[cfg(unix)]
         {
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            match File::open(folder)?.sync_all() {
-                Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => {}
-                synchronised => synchronised?,
-            }
+            output::sync(&File::open(folder)?)?;
         }
         Ok(())
     };

@@ -52,7 +52,7 @@ pub extern "C" fn collected() -> usize {
 
 /// Fits the parameters to the steps of the insole with this index. Writes the result of [`Session::identify`] to the buffer as
 /// JSON and returns the length of the text. `size` is the European shoe size, to which the typical thickness of the tissue is
-/// scaled; a size outside of 35 to 46 counts as size 42, the default.
+/// scaled; a size outside of 20 to 52 counts as size 42, the default.
 #[unsafe(no_mangle)]
 pub extern "C" fn identify(insole: usize, size: u8) -> usize {
     let size = size.to_string().parse::<InsoleSize>().unwrap_or_default();

@@ -74,7 +74,7 @@ impl Identification {
         &mut self,
         client: &mut Client<impl Carrier>,
         contact: &ContactArgs,
-        size: InsoleSize,
+        size: Option<InsoleSize>,
     ) -> Result<Vec<ToHost>> {
         let recording = self
             .cells

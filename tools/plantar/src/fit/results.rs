@@ -106,6 +106,7 @@ fn print_measures(study: &Study) {
         "In parentheses: 95 % intervals. Not determined: the interval is wider than the value. Strains, and with them stiffness,\n\
          moduli and energies, depend on the thickness of the tissue and on what determines C."
     );
+    println!("Note: {}.", study.measures_note());
 }
 
 /// Prints the sources of d0 and C of each region, and how much the results depend on the source of C.
@@ -146,9 +147,10 @@ fn print_sources(study: &Study) {
     println!("{table}");
     println!(
         "The force determines neither d0 nor C. Assumed: 0 % if C rests on measurements only, 50 % if either thickness or\n\
-         compression is assumed, 100 % if both are, or if C results from the search of the paper; unless the share is 0, the\n\
-         results are those of a deformation (scaled by assumption). The last three columns: change of C and of the secant\n\
-         stiffness and modulus at 20 % strain if the value of the source of C were {0:.0} % smaller / larger.",
+         compression is assumed, or if C follows from a curvature, 100 % if both are, or if C results from the search of the\n\
+         paper; unless the share is 0, the results are those of a deformation (scaled by assumption). C of a curvature follows\n\
+         from Eq. 14: an elastic half-space (Hertz) would be compressed twice as much. The last three columns: change of C\n\
+         and of the secant stiffness and modulus at 20 % strain if the value of the source of C were {0:.0} % smaller / larger.",
         SCALE_CHANGE * 100.0
     );
 }

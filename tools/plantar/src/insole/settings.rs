@@ -6,10 +6,23 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use parameters::InsoleSize;
 use plantar::pipeline::setup::Setup;
-use plantar::protocol::{Refusal, Settings};
+use plantar::protocol::{Refusal, SCALE, Settings};
 
 /// The European shoe size of the reference layout, to which [`Settings::scale`] is relative.
 const REFERENCE_SIZE: f32 = 42.0;
+
+/// The scale of the layout for a size.
+fn scale_of(size: InsoleSize) -> f32 {
+    f32::from(size.eur()) / REFERENCE_SIZE
+}
+
+/// Parses a size to which an insole can scale its layout.
+fn layout_size(text: &str) -> Result<InsoleSize, String> {
+    let size = text.parse().ok().filter(|size| SCALE.contains(&scale_of(*size)));
+    size.ok_or_else(|| {
+        "give a European shoe size, a whole number from 32 to 52: an insole cannot scale its layout to others".into()
+    })
+}
 
 /// The kinds of thresholds of heel strike and toe off; see the option --thresholds.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -47,9 +60,9 @@ pub struct SettingsArgs {
     /// Frames per second, 50 to 400.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=400))]
     rate: Option<u32>,
-    /// European shoe size, a whole number from 35 to 46. The positions and areas of the cells are those of the layout of size 42,
+    /// European shoe size, a whole number from 32 to 52. The positions and areas of the cells are those of the layout of size 42,
     /// scaled to this size.
-    #[arg(long, value_name = "SIZE")]
+    #[arg(long, value_name = "SIZE", value_parser = layout_size)]
     size: Option<InsoleSize>,
     /// Remove all settings: the configuration in the insole's firmware is in force again.
     #[arg(long, conflicts_with_all = [
@@ -93,7 +106,7 @@ impl SettingsArgs {
         let set = |field: &mut f32, value: Option<f32>| *field = value.unwrap_or(*field);
         set(&mut stance.strike_n, self.strike);
         set(&mut stance.release_n, self.release);
-        set(scale, self.size.map(|size| f32::from(size.eur()) / REFERENCE_SIZE));
+        set(scale, self.size.map(scale_of));
         let set_ms = |field: &mut u16, value: Option<u16>| *field = value.unwrap_or(*field);
         stance.is_adaptive =
             self.thresholds.map_or(stance.is_adaptive, |thresholds| thresholds == Thresholds::Adaptive);

@@ -27,10 +27,16 @@ const CHARTS_MARK_HEIGHT: f64 = 5.0;
 /// smallest.
 const LOGARITHMIC_FROM: f64 = 30.0;
 
-/// The CSS class that sets the colour of a size group. There are six colours, for the groups from 35-36 to 45-46; smaller
-/// sizes have the first colour, larger ones the last.
-fn colour(group: &SizeGroup) -> String {
-    format!("s{}", usize::from(group.smaller_eur.saturating_sub(35) / 2).min(5))
+/// The CSS class that sets the colour of a size group. There are six colours, for the groups from 35-36 to 45-46. If there are
+/// larger sizes, the last colour is that of the largest group; otherwise, if there are smaller sizes, the first one is that of the
+/// smallest group. So only the groups of people with more than twelve successive sizes share a colour.
+fn colour(groups: &[SizeGroup], group: &SizeGroup) -> String {
+    let sizes = || groups.iter().map(|group| group.smaller_eur);
+    let first_eur = match sizes().max() {
+        Some(largest_eur @ 46..) => largest_eur - 10,
+        _ => sizes().min().map_or(35, |smallest_eur| smallest_eur.min(35)),
+    };
+    format!("s{}", usize::from(group.smaller_eur.saturating_sub(first_eur) / 2).min(5))
 }
 
 /// The form of a chart.
@@ -98,7 +104,7 @@ fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
                 @for (i, group) in groups.iter().enumerate() {
                     @if let Some(moments) = group.moments(region, variable) {
                         @let y = top + (i as f64 + 0.5) * (row_height - GAP) / groups.len() as f64;
-                        g.(colour(group)) { (mark(&scale, &moments, y, form)) }
+                        g.(colour(groups, group)) { (mark(&scale, &moments, y, form)) }
                     }
                 }
             }
@@ -148,7 +154,8 @@ fn mark(scale: &Scale, Moments { mean, deviation, .. }: &Moments, y: f64, form: 
 /// The legend of the sizes, with the numbers of people.
 pub fn legend(groups: &[SizeGroup]) -> Vec<Drawing> {
     drawing::legend_entries(groups.iter().map(|group| {
-        let mark = html! { g.(colour(group)) { path.line d="M1 9h22" {} circle.fill cx="12" cy="9" r="3.2" {} } };
+        let mark =
+            html! { g.(colour(groups, group)) { path.line d="M1 9h22" {} circle.fill cx="12" cy="9" r="3.2" {} } };
         (mark, format!("{} ({})", group.name().replace('-', "–"), group.people.len()))
     }))
 }

@@ -134,8 +134,8 @@ fn reading(cohort: &Cohort) -> Markup {
             @if rule.full_kpa > 0.0 { "it counts with the fraction √(p / " (rule.full_kpa) " kPa) of its area, at most 1. " }
             @else { "it counts with its whole area. " }
             "Values are comparable only for the same contact rule, sensor, and sources of thickness and C. Deformations, and \
-             with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the tissue, or a \
-             curvature of the sole, were measured. This is not a medical device; it must not be used for diagnosis."
+             with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the tissue were \
+             measured. This is not a medical device; it must not be used for diagnosis."
         }
         p {
             strong { "Source. " }

@@ -21,8 +21,9 @@ const ROW: f64 = 18.0;
 const COLUMNS: [f64; 6] = [0.0, 120.0, 210.0, 310.0, 420.0, 530.0];
 /// Number of rows of the legend of the repeatability.
 const LEGEND_ROWS: usize = 3;
-/// Number of rows of the legend of the errors, with three sizes each: there are at most six pairs of sizes, 35-36 to 45-46.
-const SIZE_ROWS: f64 = 2.0;
+/// Number of sizes in a row of the legend of the errors, and in one of a legend of charts.
+const SIZES_OF_ERRORS: usize = 3;
+const SIZES_OF_CHARTS: usize = 9;
 /// Number of charts in a row.
 const ACROSS: usize = 4;
 const WIDTH: f64 = 2.0 * MARGIN + ACROSS as f64 * (by_size::WIDTH + GAP) - GAP;
@@ -42,10 +43,11 @@ fn svg(cohort: &Cohort) -> Markup {
     let table_y = HEADER + TITLE;
     let errors_y = table_y + (rows.len() + 1) as f64 * ROW + GAP;
     let errors = by_size::errors(&groups);
+    let size_rows = groups.len().div_ceil(SIZES_OF_ERRORS).max(2) as f64;
     let feet: Vec<Drawing> = cohort.feet.iter().map(repeatability::chart).collect();
     let feet_height: f64 = feet.iter().map(|foot| foot.height + GAP).sum::<f64>() + LEGEND_ROWS as f64 * LEGEND;
     let errors_and_repeatability_height =
-        (SIZE_ROWS * LEGEND + errors.height + GAP).max(if feet.is_empty() { 0.0 } else { feet_height });
+        (size_rows * LEGEND + errors.height + GAP).max(if feet.is_empty() { 0.0 } else { feet_height });
     let loads = Grid {
         y: errors_y + TITLE + errors_and_repeatability_height,
         charts: by_size::charts(&groups, Variable::loads()),
@@ -67,10 +69,10 @@ fn svg(cohort: &Cohort) -> Markup {
             (table_row(&participants::TITLES, "strong", table_y))
             @for (i, row) in rows.iter().enumerate() { (table_row(row, "", table_y + (i + 1) as f64 * ROW)) }
             (title("Errors by region and insole size (number of participants)", MARGIN, errors_y))
-            @for (i, entries) in by_size::legend(&groups).chunks(3).enumerate() {
+            @for (i, entries) in by_size::legend(&groups).chunks(SIZES_OF_ERRORS).enumerate() {
                 (legend_row(entries, MARGIN, errors_y + TITLE + i as f64 * LEGEND))
             }
-            (errors.at(MARGIN, errors_y + TITLE + SIZE_ROWS * LEGEND))
+            (errors.at(MARGIN, errors_y + TITLE + size_rows * LEGEND))
             @if !feet.is_empty() { (repeated(&feet, errors_y)) }
             (loads.svg("Measured loads by region and insole size", &groups))
             (quantities.svg("Mechanical quantities by region and insole size", &groups))
@@ -115,16 +117,23 @@ struct Grid {
 impl Grid {
     fn bottom(&self, groups: &[SizeGroup]) -> f64 {
         let rows = self.charts.len().div_ceil(ACROSS) as f64;
-        self.y + TITLE + LEGEND + rows * (by_size::height(groups) + GAP) + GAP
+        self.charts_y(groups) + rows * (by_size::height(groups) + GAP) + GAP
+    }
+
+    /// The upper edge of the charts, below the legend.
+    fn charts_y(&self, groups: &[SizeGroup]) -> f64 {
+        self.y + TITLE + groups.len().div_ceil(SIZES_OF_CHARTS).max(1) as f64 * LEGEND
     }
 
     fn svg(&self, text: &str, groups: &[SizeGroup]) -> Markup {
         html! {
             (title(text, MARGIN, self.y))
-            (legend_row(&by_size::legend(groups), MARGIN, self.y + TITLE))
+            @for (i, entries) in by_size::legend(groups).chunks(SIZES_OF_CHARTS).enumerate() {
+                (legend_row(entries, MARGIN, self.y + TITLE + i as f64 * LEGEND))
+            }
             @for (i, chart) in self.charts.iter().enumerate() {
                 @let (x, y) = ((i % ACROSS) as f64 * (by_size::WIDTH + GAP), (i / ACROSS) as f64 * (by_size::height(groups) + GAP));
-                (chart.at(MARGIN + x, self.y + TITLE + LEGEND + y))
+                (chart.at(MARGIN + x, self.charts_y(groups) + y))
             }
         }
     }
