@@ -120,7 +120,8 @@ fn noisy_steps_result_in_the_batch_solution_of_numpy() {
     let walk = steps(30, &changed, 0.02);
     let (law, _) = tracked::<f32>(&walk, |_| true);
     // Columns: elastic and viscous force of the identified law, and the measured force, each multiplied by the square root of the
-    // weight of the step. The weight decreases by the factor 29/30 with each further step, as in `pipeline::track`. The numbers 1e-3, 1.5e4 and 1.8 are `ab_m2`, `damping_pa_s` and `m` + 1 of the identified law.
+    // weight of the step. The weight decreases by the factor 29/30 with each further step, as in `pipeline::track`. The numbers
+    // 1e-3, 1.5e4 and 1.8 are `ab_m2`, `damping_pa_s` and `m` + 1 of the identified law.
     let elastic_law = ForceLaw { damping_pa_s: 0.0, ..identified() };
     let mut rows = String::new();
     for (age, (area, force)) in (0..walk.len()).rev().zip(&walk) {

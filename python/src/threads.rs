@@ -1,5 +1,5 @@
-//! The threads that compute. A process that is forked from one with such threads has none of them, and would wait for them without
-//! end.
+//! The threads that compute. A process that is forked from one with such threads has none of them, and would wait for them
+//! without end.
 
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::{PyResult, pyfunction};

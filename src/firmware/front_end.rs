@@ -48,7 +48,8 @@ pub const CONVERSIONS: u32 = 16;
 /// of the first conversion, the driver of the converter executes some 1,100 instructions (counted in the machine code), which
 /// alone take 18 us at 64 MHz without wait states.
 pub const ALLOWANCE_US: u32 = 35;
-/// Shortest supported time between frames, us. At higher frame rates, a scan does not fit into a frame.
+/// Shortest supported time between frames, us: enough for a scan with this allowance, 2.79 ms, and for the measurement of the
+/// supply every ten seconds.
 pub const LEAST_PERIOD_US: u32 = 3_000;
 
 /// Largest noise of the simulated sensors of the tests, codes. It exceeds three standard deviations of the noise that the

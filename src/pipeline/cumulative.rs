@@ -36,7 +36,8 @@ pub struct LoadLimits {
 
 impl LoadLimits {
     /// The dose counts above 200 kPa. Sustained load begins when the pressure was at least 35 mmHg for 95 % of a quarter of an
-    /// hour, and ends when it was lower for more than three minutes of the last quarter of an hour. docs/alerts.md has the sources.
+    /// hour, and ends when it was lower for more than three minutes of the last quarter of an hour. docs/alerts.md has the
+    /// sources.
     pub const DEFAULT: Self =
         Self { dose_kpa: 200.0, sustained_kpa: 4.7, window_s: 900, sustained_percent: 95, relieved_percent: 80 };
 

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 /// Largest number of cells that a device processes; a host can process more.
 pub const DEVICE_CELLS: usize = 256;
 
-/// Range of the time between frames, us: 500 Hz to 20 Hz. Devices run at 50 to 400 Hz.
+/// Range of the time between frames, us: 500 Hz to 20 Hz. Devices can be set to 50 to 400 Hz.
 pub const PERIOD_US: core::ops::RangeInclusive<u32> = 2_000..=50_000;
 
 /// Largest coordinate of a cell, mm; a larger one indicates a wrong unit.

@@ -84,9 +84,9 @@ impl<R: Real> RegionStep<R> {
 /// Largest number of samples of a curve that contribute to [`StepSums`]. Neighbouring samples differ little, and the number of
 /// instructions is proportional to the number of samples.
 const SUMMED: usize = 8;
-/// The minimal detectable change (95 %) of the tracked K in the order of [`crate::Region::ALL`], relative to K. It was computed
-/// by `cargo run --release -p bench --bin typical` for the ten barefoot walkers of docs/identification.md: K was identified from
-/// one half of a session and tracked through the other half.
+/// The minimal detectable change of the tracked K, 1.96 sqrt(2) SEM, in the order of [`crate::Region::ALL`], relative to K. It
+/// was computed by `cargo run --release -p bench --bin typical` for the ten barefoot walkers of docs/identification.md: K was
+/// identified from one half of a session and tracked through the other half.
 pub const STIFFNESS_MDC: [f64; 8] = [0.12, 0.07, 0.10, 0.16, 0.07, 0.22, 0.17, 0.14];
 /// Change of K beyond which the wearer's parameters should be identified again, relative to [`STIFFNESS_MDC`]. With this limit,
 /// one in twenty steps of an unchanged wearer exceeds the limit in at least one of its eight regions by chance (Sidak's

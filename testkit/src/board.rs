@@ -189,8 +189,9 @@ pub struct Cable {
     pub byte_us: f64,
     /// Time at which the transmit buffer of the insole's port will be empty, us.
     sent_us: f64,
-    /// Mean number of bytes, in both directions together, from one damaged byte to the next; 0 for no damage. The distances are random: a constant
-    /// one can be the length of a retransmission, and the same byte would then be damaged in all retransmissions.
+    /// Mean number of bytes, in both directions together, from one damaged byte to the next; 0 for no damage. The distances are
+    /// random: a constant one can be the length of a retransmission, and the same byte would then be damaged in all
+    /// retransmissions.
     pub damaged_every: u32,
     random: fastrand::Rng,
 }

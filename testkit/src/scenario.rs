@@ -308,7 +308,8 @@ pub struct Expect {
     /// or a failure of the flash chip, or still on the insole at the end. Those of the other insole must all arrive.
     #[serde(default)]
     pub lost_at_most: usize,
-    /// The reset reasons of all starts of the first insole; by default, it starts only once. The other insole must start only once.
+    /// The reset reasons of all starts of the first insole; by default, it starts only once. The other insole must start only
+    /// once.
     pub resets: Option<Vec<String>>,
     /// The sensor faults that the first insole reports, each as its kind and place.
     pub faults: Option<Vec<String>>,
@@ -329,8 +330,8 @@ pub struct Expect {
     /// Numbers of contacts of the first insole since its last start that were rejected as steps: too short, too long, interrupted
     /// by missing frames.
     pub rejected: Option<[u32; 3]>,
-    /// Versions of the first insole's firmware, beginning with the first one, one for each change; `initial` stands for that of the
-    /// image that runs at first, which is the version of this workspace.
+    /// Versions of the first insole's firmware, beginning with the first one, one for each change; `initial` stands for that of
+    /// the image that runs at first, which is the version of this workspace.
     pub versions: Option<Vec<String>>,
     /// Serial number of the first insole at the end.
     pub serial: Option<String>,
@@ -614,8 +615,8 @@ pub struct InsoleOutcome {
     pub host: Host,
     /// The counters of the last boot; `None` if the host has ended its session or the insole did not answer.
     pub status: Option<Status>,
-    /// For each boot, the steps and load bouts that the pipeline computed, and the index of the first one that may be lost, because
-    /// the boot was cut short soon after it.
+    /// For each boot, the steps and load bouts that the pipeline computed, and the index of the first one that may be lost,
+    /// because the boot was cut short soon after it.
     computed: Vec<(Vec<LoadRecord>, usize)>,
     /// Number of frames that the last boot scanned.
     frames: u32,

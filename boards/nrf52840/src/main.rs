@@ -97,8 +97,9 @@ static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 static MEMORY: Memory<Chip, 3> = Memory::new();
 /// The transmit buffer of the link.
 static TO_SEND: ConstStaticCell<[u8; 128]> = ConstStaticCell::new([0; 128]);
-/// The receive buffer of the link. At least its half is free for the next bytes at any time: 144 bytes, 3 ms at 460,800 bit/s. If
-/// the link is not served for longer, as in the evaluation of a step, a longer message is damaged, and the host repeats it.
+/// The receive buffer of the link. At least half of it is free for further bytes at any time: 144 bytes, 3 ms at 460,800 bit/s.
+/// If the link is not served for longer, as during the evaluation of a step, bytes can be lost, and their message is damaged. A
+/// host repeats acknowledgements; other requests then have no answer.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
 /// Number of cycles of the core from the activation of the strap's pull-up to its reading: 50 us.

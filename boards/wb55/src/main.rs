@@ -45,7 +45,7 @@ use plantar::storage::Store;
 use radio::Wb55;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// Bit rate of the link. A live frame is at most 92 bytes with its framing: 9 kB/s at 100 Hz and 37 kB/s at 400 Hz, of the
+/// Bit rate of the link. A live frame is at most 92 bytes with its framing: 9 kB/s at 100 Hz and 31 kB/s at 333 Hz, of the
 /// 46 kB/s of the link. The rate is PCLK2 / 139, with an error of 0.08 %.
 const LINK_BIT_HZ: u32 = 460_800;
 

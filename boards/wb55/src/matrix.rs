@@ -2,9 +2,8 @@
 //!
 //! Time of a row at 64 MHz (`docs/hardware.md`): 37 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
 //! conversions, and an allowance of 35 us for set-up and wake-ups. 16 rows take 2.75 ms; with the first conversion, which is
-//! discarded, a scan takes 2.79 ms. Above 333 Hz it does not fit into a frame: the next scan starts late, and a frame time that
-//! has passed by then counts as missed. Near 333 Hz the next scan can also start late every ten seconds, after the measurement of
-//! the supply.
+//! discarded, a scan takes 2.79 ms. Frame rates above 333 Hz are not supported: if a scan does not fit into a frame, the next one
+//! starts late, and a frame time that has passed by then counts as missed.
 //!
 //! Between scans no row is connected and, at frame rates that leave the time for it, the front end has no supply.
 

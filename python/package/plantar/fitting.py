@@ -217,7 +217,7 @@ class Fit:
                     ends = _widest(interval.get("jacobian"), interval.get("bootstrap"))
                     row[name] = value * factor
                     row[f"{name}_low"], row[f"{name}_high"] = (end * factor for end in ends)
-                    # The names are those of the table of a cohort.
+                    # The table of a cohort has the name with `at_bound`, too.
                     flag = name.partition("_")[0]
                     row[f"{flag}_identifiable"] = interval.get("is_identifiable")
                     row[f"{flag}_at_bound"] = interval.get("at_bound")

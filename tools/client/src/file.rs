@@ -42,8 +42,8 @@ pub fn reserve(file: &File) -> io::Result<()> {
 /// If the contents cannot be stored. Devices such as /dev/null, pipes and some network shares do not support the request, which
 /// is no error.
 pub fn sync_data(file: &File) -> io::Result<()> {
-    /// The number of the error with which macOS refuses the request for an SMB share (ENOTSUP), and for which the standard library
-    /// has no kind.
+    /// The number of the error with which macOS refuses the request for an SMB share (ENOTSUP), and for which the standard
+    /// library has no kind.
     const MACOS_NOT_SUPPORTED: i32 = 45;
     match file.sync_data() {
         Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),

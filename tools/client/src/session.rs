@@ -54,10 +54,10 @@ pub struct Client<C> {
     acknowledged: Option<(u32, u64)>,
     /// When the carrier was last read, by [`Carrier::now_us`].
     read_us: u64,
-    /// True if the carrier was not read for [`PAUSE`] in this session, and the records were not requested again since.
-    has_paused: bool,
-    /// True after the insole has refused a message because another host has the session. A connect request would end that session.
-    has_other_host: bool,
+    /// The wall clock after the carrier was not read for [`PAUSE`] in this session, us since 1970. The records are requested
+    /// again once the insole has answered a later request for its time. Until then another host may have the session, which a
+    /// connect request would end.
+    paused_until_us: Option<u64>,
     is_streaming: bool,
     /// The stream of ellipses: the ellipses of one frame out of this number, or 0 for none.
     pub(crate) ellipses_every: u8,
@@ -90,8 +90,7 @@ impl<C: Carrier> Client<C> {
             order: RecordOrder::default(),
             acknowledged: None,
             read_us: C::now_us(),
-            has_paused: false,
-            has_other_host: false,
+            paused_until_us: None,
             is_streaming: false,
             ellipses_every: 0,
             cells: None,
@@ -110,7 +109,7 @@ impl<C: Carrier> Client<C> {
         self.clock_mapping = ClockMapping::new();
         self.live.new_session();
         (self.is_streaming, self.ellipses_every, self.cells, self.cells_requested_us) = (false, 0, None, None);
-        (self.acknowledged, self.read_us, self.has_paused, self.has_other_host) = (None, C::now_us(), false, false);
+        (self.acknowledged, self.read_us, self.paused_until_us) = (None, C::now_us(), None);
         self.order.begin();
         Ok(&self.hello)
     }
@@ -315,10 +314,6 @@ impl<C: Carrier> Client<C> {
         {
             self.send(ToDevice::Acknowledge { number })?;
         }
-        self.has_paused |= elapsed::<C>(self.read_us) >= PAUSE;
-        if std::mem::take(&mut self.has_paused) && !self.has_other_host && self.order.requested_us().is_none() {
-            self.request_retransmission()?;
-        }
         if self.cells_requested_us.is_some_and(|requested_us| elapsed::<C>(requested_us) >= ANSWER) {
             self.request_cells_again()?;
         }
@@ -329,6 +324,9 @@ impl<C: Carrier> Client<C> {
         match &message {
             ToHost::Time { host_us, device_us } => {
                 self.relate_clocks(*host_us, *device_us);
+                if self.paused_until_us.take_if(|paused_us| *host_us >= *paused_us).is_some() {
+                    self.request_retransmission()?;
+                }
                 return Ok(None);
             }
             ToHost::Live(live) => self.live.frame(live.sequence),
@@ -349,7 +347,10 @@ impl<C: Carrier> Client<C> {
                     return Ok(None);
                 }
             }
-            ToHost::Refused(Refusal::OtherHost) => self.order.interrupt(),
+            ToHost::Refused(Refusal::OtherHost) => {
+                self.order.interrupt();
+                self.paused_until_us = None;
+            }
             // Answers are matched with their requests by `Client::request`.
             _ => {}
         }
@@ -406,10 +407,11 @@ impl<C: Carrier> Client<C> {
         if let Some(message) = self.waiting.pop_front() {
             return Ok(Some(message));
         }
-        self.has_paused |= elapsed::<C>(self.read_us) >= PAUSE;
+        if elapsed::<C>(self.read_us) >= PAUSE {
+            self.paused_until_us = Some(C::unix_us());
+        }
         let message = carrier(&mut self.carrier)?.receive()?;
         self.read_us = C::now_us();
-        self.has_other_host |= matches!(message, Some(ToHost::Refused(Refusal::OtherHost)));
         Ok(message)
     }
 

@@ -640,6 +640,52 @@ fn records_that_were_lost_while_the_caller_did_not_read_are_requested_again() {
     assert!(session.borrow().next_live().is_some());
 }
 
+/// An insole with the virtual clock, of which another host has taken the session.
+#[derive(Clone, Default)]
+struct Taken(Rc<RefCell<TakenState>>);
+
+#[derive(Default)]
+struct TakenState {
+    /// Number of connect requests.
+    connects: u32,
+    /// The answer that is due.
+    answer: Option<ToHost>,
+}
+
+impl Carrier for Taken {
+    fn send(&mut self, message: ToDevice) -> io::Result<()> {
+        let state = &mut *self.0.borrow_mut();
+        let is_connect = matches!(message, ToDevice::Connect { .. });
+        state.connects += u32::from(is_connect);
+        state.answer =
+            Some(if is_connect { ToHost::Hello(hello("1.0.0")) } else { ToHost::Refused(Refusal::OtherHost) });
+        Ok(())
+    }
+
+    fn receive(&mut self) -> io::Result<Option<ToHost>> {
+        NOW_US.set(NOW_US.get() + 50_000);
+        Ok(self.0.borrow_mut().answer.take())
+    }
+
+    fn damaged(&self) -> u32 {
+        0
+    }
+
+    fn now_us() -> u64 {
+        NOW_US.get()
+    }
+}
+
+/// A connect request would end the session of the other host.
+#[test]
+fn records_are_not_requested_again_in_the_session_of_another_host() {
+    let insole = Taken::default();
+    let mut client = Client::connect(insole.clone(), Duration::from_secs(5)).expect("an insole");
+    NOW_US.set(NOW_US.get() + 3_000_000);
+    assert_eq!(received(&mut client), [0; 0]);
+    assert_eq!(insole.0.borrow().connects, 1);
+}
+
 /// A client usually waits two seconds for a status. After a request to restart it waits less, because an insole that restarts
 /// does not answer.
 #[test]

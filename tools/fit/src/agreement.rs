@@ -99,7 +99,8 @@ pub fn repeatability(people: &[(&str, &[Trial])], least_people: usize) -> (Vec<F
     for side in [Side::Left, Side::Right] {
         let mut repeated: Vec<(&str, Vec<&Trial>)> = Vec::new();
         for (name, trials) in people {
-            // A trial in which no region could be fitted would exclude the person from the comparison of every region.
+            // A trial in which no region could be fitted would exclude the person from the comparison of all fitted variables, so
+            // it is not used for the measured loads, either.
             let is_usable = |trial: &&Trial| trial.side == side && trial.is_fitted();
             let of_foot: Vec<&Trial> = trials.iter().filter(is_usable).collect();
             match of_foot.len() {

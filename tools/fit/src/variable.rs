@@ -10,8 +10,8 @@ use std::borrow::Cow;
 /// A number of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Variable {
-    /// A measured load of the step record. It does not depend on the model, so a region that was not fitted has it, too. It has no
-    /// value in a step without contact.
+    /// A measured load of the step record. It does not depend on the model, so a region that was not fitted has it, too. It has
+    /// no value in a step without contact.
     Load(&'static Scalar<StepRegion>),
     /// A mechanical quantity. It has no value in a region that does not reach the force or the strain at which the quantity is
     /// defined.
@@ -144,7 +144,8 @@ impl Variable {
     }
 
     /// The value of a region, of which `records` are the records of its steps, and `fit` is the fit to these steps, if it could
-    /// be fitted. A load is the mean over the steps in which the region is in contact. `None` for a variable that the region does not have.
+    /// be fitted. A load is the mean over the steps in which the region is in contact. `None` for a variable that the region does
+    /// not have.
     pub fn of<'r>(self, records: impl IntoIterator<Item = &'r StepRegion>, fit: Option<&RegionFit>) -> Option<f64> {
         let value = match self {
             Self::Load(load) => {

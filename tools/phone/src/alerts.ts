@@ -36,6 +36,9 @@ const ROWS = 10;
 const ANSWER_MS = 3000;
 /** Durations of the vibrations of an alert and of the pauses between them, beginning with a vibration. */
 const VIBRATION_MS = [400, 200, 400, 200, 400];
+/** Vibration and tone for a foot without alerts. They differ from those of an alert, which asks to unload the foot. */
+const GAP_VIBRATION_MS = [100];
+const GAP_TONE_HZ = [440];
 
 /** The key under which the browser stores when the wearer last closed alerts. */
 const CLOSED_KEY = "plantar.alerts_closed_unix_s";
@@ -80,7 +83,7 @@ const isOfToday = ({ daily_unix_s }: Session) => isToday(daily_unix_s);
 interface OpenAlert {
   alert: Alert;
   raised_ms: number;
-  /** When one of its regions was last reported to be under sustained load; -Infinity once none is any more. */
+  /** When its foot was last reported to be under sustained load, as `follow` describes; -Infinity once it is not any more. */
   loaded_ms: number;
   /** The load of the day that was known when the alert arrived. It may not contain the load of the alert yet. */
   before: DailyLoad | undefined;
@@ -105,9 +108,11 @@ export class Alerts {
   private signalled_ms = -Infinity;
   /** The feet of which the wearer wants alerts. */
   private wanted: readonly Side[] = [];
-  /** For each of these feet, when its insole was last connected, as a time of `performance.now()`. */
+  /** The sessions whose insoles the wearer has asked for alerts, and which have not confirmed it yet. */
+  private asked = new Set<Session>();
+  /** When the insole of a foot was last connected in this visit, as a time of `performance.now()`. */
   private readonly connected_ms = new Map<Side, number>();
-  /** For each of these feet of which no alerts can come, why, and what to do. */
+  /** For each foot of which no alerts can come although the wearer wants them, why, and what to do. */
   private gaps = new Map<Side, string>();
   /** The feet in `gaps` that were signalled since their alerts could last come. */
   private readonly signalled_gaps = new Set<Side>();
@@ -159,9 +164,15 @@ export class Alerts {
     store(() => localStorage, WANTED_KEY, sides.join());
   }
 
+  /** Forgets the wish for alerts, so that a foot without alerts is not named any more. */
+  withdraw(): void {
+    this.asked.clear();
+    this.want([]);
+  }
+
   /** Forgets the pauses, the alerts that are shown and the wish for alerts: the data of their wearer are deleted. */
   forget(): void {
-    this.want([]);
+    this.withdraw();
     SIDES.forEach((side) => this.forgetPause(side));
     this.hide();
   }
@@ -186,7 +197,8 @@ export class Alerts {
       const sessions = this.connected();
       this.change = { is_on: alerts.checked, sessions };
       this.refusal = "";
-      this.want(alerts.checked ? sessions.flatMap(({ hello }) => hello?.side ?? []) : []);
+      this.withdraw();
+      this.asked = new Set(alerts.checked ? sessions : []);
       // The wearer hears and feels what an alert is like. After this touch, the browser allows sound.
       if (alerts.checked) this.signal();
       else this.close();
@@ -243,19 +255,24 @@ export class Alerts {
 
   /** Adds an alert of this age to those that the wearer has not closed. */
   private add(alert: Alert, age_s: number): void {
-    if (age_s > LONGEST_AGE_S) return;
     const raised_ms = Date.now() - 1000 * age_s;
     const added = { alert, raised_ms, loaded_ms: raised_ms, before: this.insoles.of(alert.side)?.daily, signals: 0 };
-    const all = [...this.open, added].sort((a, b) => a.raised_ms - b.raised_ms);
+    const all = [...this.open, added].filter(this.isCurrent).sort((a, b) => a.raised_ms - b.raised_ms);
     // A dose is reported once a day, so a later alert does not replace it.
     this.open = all.filter(({ alert: { side, dose } }, i) => {
       return dose.length > 0 || all.slice(i + 1).every((later) => later.alert.side !== side);
     });
   }
 
+  /** False for an alert that is too old, or of an insole that reports that its alerts are off. */
+  private readonly isCurrent = ({ alert, raised_ms }: OpenAlert): boolean => {
+    const { state, has_alerts } = this.insoles.of(alert.side) ?? {};
+    return Date.now() - raised_ms <= 1000 * LONGEST_AGE_S && !(state === "live" && has_alerts === false);
+  };
+
   /**
-   * The alerts that are shown: those with a region that is still under sustained load, as far as it is known. A dose only grows,
-   * so an alert about one is shown until its day ends.
+   * The alerts that are shown: those of a foot that is still under sustained load, as far as it is known. A dose only grows, so
+   * an alert about one is shown until its day ends.
    */
   private get shown(): OpenAlert[] {
     return this.open.filter(({ alert, raised_ms, loaded_ms }) =>
@@ -268,13 +285,16 @@ export class Alerts {
    * times a second, also while the page is hidden.
    */
   follow(): void {
+    this.open = this.open.filter(this.isCurrent);
+    const { shown } = this;
     for (const open of this.open) {
       const session = this.insoles.of(open.alert.side);
       const daily = this.present(open.alert.side);
-      if (!session || !daily || daily === open.before) continue;
-      const is_loaded = daily.sustained.some((name) => open.alert.sustained.includes(name));
-      // A load that begins again is signalled again.
-      if (is_loaded && open.loaded_ms === -Infinity) open.signals = 0;
+      if (open.alert.dose.length > 0 || !session || !daily || daily === open.before) continue;
+      // An alert that is shown names each further region under sustained load, and remains until all are relieved.
+      const is_loaded = daily.sustained.some((name) => shown.includes(open) || open.alert.sustained.includes(name));
+      // A load that begins again is shown without a signal: if it lasts, the insole raises its next alert.
+      if (!is_loaded) open.signals = SIGNALS;
       open.loaded_ms = is_loaded ? 1000 * session.daily_unix_s : -Infinity;
     }
     this.signalIfDue();
@@ -283,23 +303,30 @@ export class Alerts {
     else this.screen.release();
   }
 
-  /** True if the wearer wants alerts, or an insole raises them; false for a recording. */
+  /** True if the wearer wants alerts, or an insole raises them; false for a recording, and before insoles are awaited. */
   private get are_on(): boolean {
-    if (this.insoles.transport?.is_replay) return false;
+    if (this.insoles.transport?.is_replay ?? true) return false;
     return this.wanted.length > 0 || this.connected().some(({ has_alerts }) => has_alerts);
   }
 
   /** Finds the feet of which no alerts can come although the wearer wants them, and signals a new one once. */
   private findGaps(): void {
     this.gaps = new Map();
-    if (this.insoles.transport?.is_replay || this.wanted.length === 0) return;
-    const sides = SIDES.filter((side) => this.wanted.includes(side) || this.insoles.of(side)?.state === "live");
-    if (sides.length > this.wanted.length) this.want(sides);
+    if (this.insoles.transport?.is_replay ?? true) return;
     const now_ms = performance.now();
-    for (const side of sides) {
+    const live = SIDES.filter((side) => this.insoles.of(side)?.state === "live");
+    live.forEach((side) => this.connected_ms.set(side, now_ms));
+    // Once alerts are wanted, they are wanted of each insole that has them.
+    const confirmed = live.filter((side) => {
+      const session = this.insoles.of(side);
+      return session?.has_alerts && (this.asked.delete(session) || this.wanted.length > 0) && !this.wanted.includes(side);
+    });
+    if (confirmed.length > 0) this.want([...this.wanted, ...confirmed]);
+    if (this.wanted.length === 0) return;
+    for (const side of SIDES.filter((side) => this.wanted.includes(side) || live.includes(side))) {
       const { state, has_alerts } = this.insoles.of(side) ?? {};
-      const since_ms = state === "live" ? now_ms : (this.connected_ms.get(side) ?? now_ms);
-      this.connected_ms.set(side, since_ms);
+      // An insole that was not connected in this visit is not missed.
+      const since_ms = this.connected_ms.get(side) ?? now_ms;
       if (state === "live" && has_alerts === false && this.answer_timer === undefined) {
         this.gaps.set(side, "they are off on its insole. Turn them on in the settings.");
       } else if (now_ms - since_ms > ABSENT_MS) {
@@ -310,15 +337,19 @@ export class Alerts {
     }
     const found = [...this.gaps.keys()].filter((side) => !this.signalled_gaps.has(side));
     found.forEach((side) => this.signalled_gaps.add(side));
-    if (found.length > 0) this.signal();
+    if (found.length === 0) return;
+    if (this.settings.alert_sound) this.cues.tone(GAP_TONE_HZ);
+    if (this.settings.alert_vibration) this.cues.vibrate(GAP_VIBRATION_MS);
   }
 
-  /** Sentences on what prevents alerts, or their sound, and what to do. */
-  problems(): string[] {
+  /** Notes on what prevents alerts, or their sound, and what to do. */
+  problems(): Node[] {
+    const note = (text: string, ...more: Node[]): Node => ["p", { class: "note", "data-key": text }, text, ...more];
+    const withdraw: Node = ["button", { "data-action": "withdraw-alerts" }, "Stop these messages"];
     const is_mute = this.are_on && this.settings.alert_sound && !this.cues.is_sound_allowed;
     return [
-      ...(is_mute ? ["Touch the page once, to allow the sound of alerts."] : []),
-      ...[...this.gaps].map(([side, why]) => `No alerts of the ${side} foot: ${why}`),
+      ...(is_mute ? [note("Touch the page once, to allow the sound of alerts.")] : []),
+      ...[...this.gaps].map(([side, why]) => note(`No alerts of the ${side} foot: ${why}`, withdraw)),
     ];
   }
 
@@ -371,7 +402,9 @@ export class Alerts {
       const later = this.present(alert.side)?.sustained.filter((name) => !named.includes(name)) ?? [];
       const regions = later.map((name) => regionTitle(name).toLowerCase()).join("; ");
       const added = regions ? [` Now also under sustained load: ${regions}.`] : [];
-      const end = alert.dose.length > 0 ? "" : " This message goes when the foot was unloaded for long enough.";
+      const end = alert.dose.length > 0 ? ""
+        : this.insoles.of(alert.side)?.state === "live" ? " This message goes when the foot was unloaded for long enough."
+        : " The insole is not connected, so this page cannot see whether the foot is unloaded.";
       return ["p", {}, alert.advice, ...added, " ", ["small", {}, `Raised at ${timeText(raised_ms / 1000)}.${end}`]];
     }));
     // On a low screen the alert is not sticky.
@@ -532,7 +565,7 @@ export class Alerts {
       const why = refused.length > 0 && this.refusal ? [`The reason: ${this.refusal}.`] : [];
       fill("alerts-note", [[...partly, ...refused, ...why].join(" ")]);
     }
-    if (this.open.length > 0) {
+    if (this.open.length > 0 || !byId("alert").hidden) {
       // An alert can concern further regions now, or none any more.
       this.draw();
       // The element that has the focus must not be behind the alert.

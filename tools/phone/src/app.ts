@@ -45,6 +45,7 @@ const STORE_RETRY_MS = 5000;
 const COMPUTED_WALK = "./walk.plantar";
 const NO_WALK = "The example walk could not be loaded. Connect this device to the internet, then try again.";
 const INSECURE = "Bluetooth works only over HTTPS or at localhost.";
+const RELOADING_DISCONNECTS = " Reloading ends the connection: choose your insoles again afterwards.";
 const CANNOT_STORE =
   "This browser cannot store steps, because its storage is full or not allowed, or because a newer version of this page " +
   "is open in another tab. Free some storage, allow it for this site, or reload this page. Until then, the insole stores " +
@@ -344,6 +345,12 @@ export class App {
     if (!document.hidden) this.update(now_ms);
   }
 
+  /** True while an insole is in use over Bluetooth. */
+  private get uses_bluetooth(): boolean {
+    const { transport } = this.insoles;
+    return transport instanceof BluetoothTransport && !transport.is_idle;
+  }
+
   private update(now_ms: number): void {
     const { insoles, live_view } = this;
     live_view.update(insoles, this.settings);
@@ -366,7 +373,9 @@ export class App {
       const text = state === "live" ? rate : state === "lost" ? "lost" : "…";
       return [["span", { class: side }, `${side === "left" ? "L" : "R"} ${text}`]];
     }));
-    const reloadFor = (text: string) => (/reload/i.test(text) ? [RELOAD] : []);
+    // An error of the browser or a fault of the firmware may contain the word, too.
+    const reloadFor = (text: string) => (/reload th(e|is) page/i.test(text) ? [RELOAD] : []);
+    const update = `A new version of this page is ready.${this.uses_bluetooth ? RELOADING_DISCONNECTS : ""}`;
     const keyed = (kind: string, text: string, ...more: Node[]): Node => ["p", { class: kind, "data-key": text }, text, ...more];
     const connected = insoles.transport?.is_replay ? [] : SIDES.filter((side) => insoles.of(side)?.state === "live");
     // Without these two texts, the wearer would not know why the page stores nothing.
@@ -377,9 +386,9 @@ export class App {
         ? [["div", { class: this.problem === NONE_CHOSEN ? "note remark" : "note" },
             this.problem, ...reloadFor(this.problem), ...(is_lasting ? [] : [close])] as Node]
         : []),
-      ...this.alerts.problems().map((text) => keyed("note", text)),
+      ...this.alerts.problems(),
       ...problems(insoles, live_view, this.wire.facts).map((text) => keyed("note", text, ...reloadFor(text))),
-      ...(this.has_update ? [keyed("note remark", "A new version of this page is ready.", RELOAD)] : []),
+      ...(this.has_update && !this.identify.is_running ? [keyed("note remark", update, RELOAD)] : []),
       ...connected.map((side) => keyed("spoken", `The ${side} insole is connected.`)),
       ...remarks(insoles, this.alerts.pauseTexts(), this.wire.facts),
     ]);
@@ -443,6 +452,9 @@ export class App {
       if (action === "close-error") {
         this.problem = "";
         this.tick();
+      } else if (action === "withdraw-alerts") {
+        this.alerts.withdraw();
+        this.tick();
       } else if (action === "leave-recording") {
         const url = new URL(location.href);
         url.searchParams.delete("replay");
@@ -453,8 +465,7 @@ export class App {
     document.addEventListener("visibilitychange", () => this.tick());
     // The browser asks before it discards a recording, or ends a connection by Bluetooth.
     addEventListener("beforeunload", (event) => {
-      const { transport } = this.insoles;
-      const is_connected = transport instanceof BluetoothTransport && !transport.is_idle && !this.is_reloading;
+      const is_connected = this.uses_bluetooth && !this.is_reloading;
       this.is_reloading = false;
       if (this.recorder.is_unsaved || is_connected) event.preventDefault();
     });

@@ -24,16 +24,17 @@ export class PhoneCues implements Cues {
     return this.audio?.state === "running" || (navigator.userActivation?.hasBeenActive ?? true);
   }
 
-  /** Sounds two tones, unless the browser allows no sound now. */
-  tone(): void {
+  /** Sounds tones one after the other, by default those of an alert, unless the browser allows no sound now. */
+  tone(frequencies_hz: readonly number[] = [660, 880]): void {
     const audio = (this.audio ??= new AudioContext());
     const requested_ms = performance.now();
     // The browser may resume only at a touch much later. The tones that were requested until then must not sound all at once.
-    void audio.resume().then(() => performance.now() - requested_ms < LATEST_TONE_MS && this.play(audio));
+    void audio.resume().then(() => performance.now() - requested_ms < LATEST_TONE_MS && this.play(audio, frequencies_hz));
   }
 
-  private play(audio: AudioContext): void {
-    for (const [start_s, frequency_hz] of [[0, 660], [0.35, 880]] as const) {
+  private play(audio: AudioContext, frequencies_hz: readonly number[]): void {
+    for (const [i, frequency_hz] of frequencies_hz.entries()) {
+      const start_s = 0.35 * i;
       const oscillator = new OscillatorNode(audio, { frequency: frequency_hz });
       const gain = new GainNode(audio, { gain: 0.2 });
       oscillator.connect(gain).connect(audio.destination);

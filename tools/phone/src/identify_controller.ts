@@ -113,12 +113,17 @@ export class IdentifyController {
     return this.session.phase === "push";
   }
 
+  /** True while the wearer is in a guided session. */
+  get is_running(): boolean {
+    return !["closed", "done", "failed"].includes(this.session.phase);
+  }
+
   /**
    * Deletes the stored messages, unless they are those of a running session of this tab. Rejects with {@link NOT_DELETED} if
    * another tab has a session.
    */
   async deleteStored(): Promise<void> {
-    if (!["closed", "done", "failed"].includes(this.session.phase)) return;
+    if (this.is_running) return;
     await this.locked(async () => {
       await this.storage.clear();
       this.stored = [];

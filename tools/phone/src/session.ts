@@ -25,8 +25,8 @@ const UNANSWERED_REQUESTS = 4;
 /** An insole rests if the time between two measurements is longer: it then measures twice a second, else at 20 Hz or more. */
 const RESTING_S = 0.4;
 /**
- * Number of successive steps that ask for a new identification after which it is recommended: about one in twenty steps of a
- * wearer who has not changed asks for it.
+ * Number of successive steps that ask for a new identification after which it is recommended: 5 to 7 % of the steps of a wearer
+ * who has not changed ask for it (docs/identification.md), so that 20 in succession are no chance.
  */
 const REFIT_STEPS = 20;
 /** Duration over which the rate of live frames is averaged. */

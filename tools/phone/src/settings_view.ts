@@ -140,12 +140,7 @@ export function listenToExport(
         fill(button, [title]);
       });
   };
-  byId("export-live").onclick = () => prepare("export-live", NOT_EXPORTED, (progress) =>
-    exportLive(recorder, wire, progress).catch((error: unknown) => {
-      recorder.is_unsaved = true;
-      throw error;
-    }),
-  );
+  byId("export-live").onclick = () => prepare("export-live", NOT_EXPORTED, (progress) => exportLive(recorder, wire, progress));
   const exportRecords = (id: string, what: string, csv: (records: Records) => string[]) => {
     const since_unix_s = periodStart_unix_s();
     prepare(id, "The browser cannot read the stored steps. Reload the page and try again.", (progress) =>
@@ -201,15 +196,18 @@ async function exportCsv(
 /** Saves the recording as a CSV file, in parts as {@link exportCsv}. `progress` is called with the number of rows. */
 async function exportLive(recorder: Recorder, wire: Wire, progress: (rows: number) => void): Promise<void> {
   // Messages that are recorded from now on are not in the file.
-  recorder.is_unsaved = false;
+  const recorded = recorder.file();
+  const { length } = recorded;
   const blobs: Blob[] = [];
   for (const blob of liveCsv(recorder, wire)) {
+    // Each part before this one is full, and the first has the header line.
+    if (blobs.length > 0) progress(blobs.length * PART_ROWS - 1);
     blobs.push(blob);
-    progress(blobs.length * PART_ROWS);
     // The page receives messages between the parts.
     await new Promise((resolve) => setTimeout(resolve));
   }
   download("plantar_live.csv", "text/csv", blobs);
+  if (recorder.file() === recorded && recorded.length === length) recorder.is_unsaved = false;
 }
 
 /** Updates the details of the insoles and the state of the buttons. To be called a few times a second. */

@@ -62,21 +62,24 @@ const rules = (is_on: boolean, after_min = 0): ToHost => ({
   kind: "alert_rules", per_day: is_on ? 20 : 0, day_start_min: (new Date().getTimezoneOffset() + 1440 + after_min) % 1440,
 });
 
-/** The alerts of the page with two insoles, which do not raise alerts yet. */
-function start() {
+/** The alerts of the page with two insoles, of which the alerts are on or off. */
+function start(is_on = false) {
   const answered = (answer: InsoleAnswer, session: Session): void => alerts.answered(answer, session);
   const [left, right] = [connect("left", answered), connect("right", answered)];
   const sessions = [left.session, right.session];
-  const insoles = { sessions, of: (side: Side) => sessions.find((session) => session.hello?.side === side) };
+  const insoles = { transport: { is_replay: false }, sessions, of: (side: Side) => sessions.find((session) => session.hello?.side === side) };
   const settings = loadSettings(() => ({ getItem: () => null }) as unknown as Storage);
   const alerts = new Alerts(wire, insoles as unknown as Insoles, settings);
   alerts.listen();
-  for (const { receive } of [left, right]) receive(rules(false));
+  for (const { receive } of [left, right]) receive(rules(is_on));
   alerts.update();
   return { alerts, left, right };
 }
 
 const [box, note] = [element("alerts-on"), element("alerts-note")];
+
+/** The texts of the notes. */
+const problems = ({ alerts }: { alerts: Alerts }) => alerts.problems().map(([, , text]) => text);
 
 /** An alert about sustained load of these regions, and about the dose of others. */
 const alertOf = (side: Side, sustained: string[], dose: string[] = []) =>
@@ -163,7 +166,7 @@ test("the alerts of the insole of each foot are paused, but not those of a secon
 });
 
 test("a signal in a hidden page is repeated when the page becomes visible, unless the wearer has closed the alert", () => {
-  const { alerts } = start();
+  const { alerts } = start(true);
   const setHidden = (hidden: boolean) => {
     page.hidden = hidden;
     page.dispatchEvent(new Event("visibilitychange"));
@@ -183,12 +186,12 @@ test("an alert that the wearer has not closed is shown after the page was ended,
   const alert = (advice: string, dose: string[]) => ({ side: "left", starts_ago: 0, start_s: 0, sustained: [], dose, advice }) as unknown as Alert;
   const stored = (age_s: number, advice: string, dose: string[] = []) => ({ alert: alert(advice, dose), start_unix_s: Date.now() / 1000 - age_s });
   const shown = () => JSON.parse(element("alert-text").content).map((node: string[]) => node[2]);
-  const { alerts } = start();
+  const { alerts } = start(true);
   const all = [stored(600, "old"), stored(90, "dose", ["heel"]), stored(60, "first"), stored(30, "second")];
   alerts.restore(all as never);
   expect(shown()).toEqual(["dose", "second"]);
   element("alert-close").onclick();
-  const { alerts: reloaded } = start();
+  const { alerts: reloaded } = start(true);
   reloaded.restore(all as never);
   expect(shown()).toEqual([]);
 });
@@ -327,7 +330,7 @@ const daily = (...sustained: string[]) =>
   ({ kind: "daily_load", load: { snoozed_s: 0, alerts: 1, sustained, regions: { heel: { sustained_s: 60, dose_kpa_s: 0 } } } }) as unknown as ToHost;
 
 test("a region that comes under sustained load after the alert is added to it", () => {
-  const { alerts, left, right } = start();
+  const { alerts, left, right } = start(true);
   alerts.raise(alertOf("left", ["hallux"]), null, undefined);
   left.receive(daily("hallux"));
   right.receive(daily("toe_2"));
@@ -368,7 +371,7 @@ test("a day of an insole that does not begin at midnight of this device is named
 
 test("an alert states its time, and is closed when the wearer closes it in another tab", () => {
   vi.setSystemTime(new Date(2026, 0, 1, 10, 42));
-  const { alerts } = start();
+  const { alerts } = start(true);
   const alert = alertOf("left", ["heel"]);
   alerts.raise(alert, Date.now() / 1000 - 60, undefined);
   expect(element("alert-text").content).toMatch(/Raised at 10:41/);
@@ -416,7 +419,7 @@ test("the touch that turns alerts on lets the phone sound once, unless the weare
 });
 
 test("the signal of an alert is repeated for about five minutes, unless the wearer closes it or the region is relieved", () => {
-  const all = start();
+  const all = start(true);
   all.alerts.raise(alertOf("left", ["heel"]), null, undefined);
   run(all, 44, [all.left, ["heel"]]);
   expect(tone).toHaveBeenCalledTimes(1);
@@ -435,26 +438,36 @@ test("the signal of an alert is repeated for about five minutes, unless the wear
 });
 
 test("an alert of any age is shown exactly while its region is under sustained load, as far as the insole is connected", () => {
-  const all = start();
+  const all = start(true);
   const { left, right } = all;
   const banner = element("alert");
+  const text = () => element("alert-text").content;
   all.alerts.restore([{ alert: alertOf("left", ["heel", "hallux"]), start_unix_s: Date.now() / 1000 - 3 * 3600 }] as never);
   run(all, 4);
   expect(banner.hidden).toBe(true);
   // The other foot, and another region.
   run(all, 10, [left, ["toe_2"]], [right, ["heel"]]);
   expect([banner.hidden, tone.mock.calls.length]).toEqual([true, 0]);
-  run(all, 600, [left, ["hallux"]]);
+  run(all, 20, [left, ["hallux"]]);
   expect(banner.hidden).toBe(false);
+  // The banner now names the other region, too.
+  run(all, 6, [left, ["toe_2"]]);
+  expect([banner.hidden, text()]).toEqual([false, expect.stringContaining("Now also under sustained load: second toe.")]);
+  run(all, 6, [left, []]);
+  expect(banner.hidden).toBe(true);
+  // A load that returns is shown, also for long, without a signal.
   run(all, 6, [left, ["toe_2"]]);
   expect(banner.hidden).toBe(true);
   tone.mockClear();
-  run(all, 6, [left, ["heel"]]);
-  expect([banner.hidden, tone.mock.calls.length]).toEqual([false, 1]);
+  run(all, 300, [left, ["heel"]]);
+  expect([banner.hidden, tone.mock.calls.length]).toEqual([false, 0]);
+  expect(text()).toContain("This message goes when the foot was unloaded for long enough.");
   // Without a connection, the last report counts for five minutes.
   left.session.closed("out of reach");
   run(all, 280);
   expect(banner.hidden).toBe(false);
+  expect(text()).toContain("The insole is not connected, so this page cannot see whether the foot is unloaded.");
+  expect(text()).not.toContain("This message goes");
   run(all, 30);
   expect(banner.hidden).toBe(true);
   left.receive({ ...hello(wire.facts.major), side: "left" } as ToHost);
@@ -462,8 +475,29 @@ test("an alert of any age is shown exactly while its region is under sustained l
   expect(banner.hidden).toBe(false);
 });
 
+test("an alert of the last visit is signalled if the load has lasted since then", () => {
+  const all = start(true);
+  all.alerts.restore([{ alert: alertOf("left", ["heel"]), start_unix_s: Date.now() / 1000 - 3600 }] as never);
+  run(all, 6, [all.left, ["heel"]]);
+  expect([element("alert").hidden, tone.mock.calls.length]).toEqual([false, 1]);
+});
+
+test("an alert ends when it is older than a day, or when its insole reports that alerts are off", () => {
+  const all = start(true);
+  const ends = [() => vi.setSystemTime(Date.now() + 86_400_000), () => all.left.receive(rules(false))];
+  for (const end of ends) {
+    all.alerts.raise(alertOf("left", ["heel"]), Date.now() / 1000, undefined);
+    run(all, 6, [all.left, ["heel"]]);
+    expect(element("alert").hidden).toBe(false);
+    tone.mockClear();
+    end();
+    run(all, 60, [all.left, ["heel"]]);
+    expect([element("alert").hidden, tone.mock.calls.length]).toEqual([true, 0]);
+  }
+});
+
 test("a load of the day that arrived before the alert does not end it", () => {
-  const all = start();
+  const all = start(true);
   all.left.receive(daily());
   all.alerts.raise(alertOf("left", ["heel"]), null, undefined);
   run(all, 4);
@@ -474,7 +508,7 @@ test("a load of the day that arrived before the alert does not end it", () => {
 
 test("an alert about a dose is shown until the wearer closes it or its day ends", () => {
   vi.setSystemTime(new Date(2026, 0, 1, 9));
-  const all = start();
+  const all = start(true);
   const hidden = () => {
     all.alerts.update();
     return element("alert").hidden;
@@ -501,38 +535,77 @@ test("after the last alert of the day, no time of a next one is stated", () => {
   expect(element("today-note").content).not.toContain("can come");
 });
 
-test("a foot of which no alerts can come although the wearer wants them is named, and signalled once", () => {
+test("a foot of which no alerts can come although the wearer wants them is named, and signalled once, unlike an alert", () => {
   const all = start();
   const { left, right } = all;
   box.checked = true;
   box.onchange();
   left.receive(rules(true));
-  run(all, 4);
   tone.mockClear();
+  vibrate.mockClear();
+  run(all, 4);
   // The right insole did not change its rules.
-  const off = "No alerts of the right foot: they are off on its insole. Turn them on in the settings.";
-  expect([all.alerts.problems(), tone.mock.calls.length]).toEqual([[off], 0]);
+  expect(problems(all)).toEqual(["No alerts of the right foot: they are off on its insole. Turn them on in the settings."]);
+  expect([tone.mock.calls, vibrate.mock.calls]).toEqual([[[[440]]], [[[100]]]]);
   right.receive(rules(true));
   run(all, 1);
-  expect(all.alerts.problems()).toEqual([]);
+  expect(problems(all)).toEqual([]);
   tone.mockClear();
   left.session.closed("out of reach");
   run(all, 115);
-  expect([all.alerts.problems(), tone.mock.calls.length]).toEqual([[], 0]);
+  expect([problems(all), tone.mock.calls.length]).toEqual([[], 0]);
   run(all, 300);
-  expect(all.alerts.problems()).toEqual([expect.stringMatching(/^No alerts of the left foot: its insole is not connected. /)]);
-  expect(tone).toHaveBeenCalledTimes(1);
+  expect(problems(all)).toEqual([expect.stringMatching(/^No alerts of the left foot: its insole is not connected. /)]);
+  expect(tone.mock.calls).toEqual([[[440]]]);
   left.session.state = "other-host";
   run(all, 1);
-  expect(all.alerts.problems()).toEqual([expect.stringMatching(/^No alerts of the left foot: another phone /)]);
-  // After a reload of the page, the wish is known, and the sides of insoles that were connected before.
-  const reloaded = start();
-  for (const { session } of [reloaded.left, reloaded.right]) session.closed("out of reach");
+  expect(problems(all)).toEqual([expect.stringMatching(/^No alerts of the left foot: another phone /)]);
+  // After a reload of the page, the wish is known. Insoles that were not connected since then are not missed.
+  expect(items.get("plantar.alerts_wanted")).toBe("left,right");
+  const reloaded = start(true);
+  reloaded.left.session.closed("out of reach");
   run(reloaded, 130);
-  expect(reloaded.alerts.problems()).toHaveLength(2);
-  Object.assign(reloaded.alerts["insoles"], { transport: { is_replay: true } });
+  expect(problems(reloaded)).toEqual([]);
+  reloaded.right.session.closed("out of reach");
+  run(reloaded, 130);
+  expect(problems(reloaded)).toEqual([expect.stringMatching(/^No alerts of the right foot/)]);
+  const { transport } = reloaded.alerts["insoles"];
+  for (const other of [{ is_replay: true }, undefined]) {
+    Object.assign(reloaded.alerts["insoles"], { transport: other });
+    run(reloaded, 1);
+    expect(problems(reloaded)).toEqual([]);
+  }
+  // The wearer withdraws the wish, also without an insole.
+  Object.assign(reloaded.alerts["insoles"], { transport });
   run(reloaded, 1);
-  expect(reloaded.alerts.problems()).toEqual([]);
+  expect(JSON.stringify(reloaded.alerts.problems())).toContain("withdraw-alerts");
+  reloaded.alerts.withdraw();
+  run(reloaded, 1);
+  expect([problems(reloaded), items.get("plantar.alerts_wanted")]).toEqual([[], ""]);
+});
+
+test("the signal of a foot without alerts neither counts as one of an alert, nor delays it", () => {
+  const all = start(true);
+  items.set("plantar.alerts_wanted", "left,right");
+  storageChanged({ key: "plantar.alerts_wanted" });
+  all.alerts.raise(alertOf("left", ["heel"]), null, undefined);
+  run(all, 30, [all.left, ["heel"]]);
+  all.right.receive(rules(false));
+  run(all, 14, [all.left, ["heel"]]);
+  expect(tone.mock.calls).toEqual([[], [[440]]]);
+  run(all, 1200, [all.left, ["heel"]]);
+  expect(tone.mock.calls.filter((call) => call.length === 0)).toHaveLength(7);
+});
+
+test("the wish for alerts is stored only for the feet of insoles that accept it", () => {
+  const all = start();
+  box.checked = true;
+  box.onchange();
+  run(all, 10);
+  expect([items.get("plantar.alerts_wanted"), problems(all)]).toEqual(["", []]);
+  all.left.receive(rules(true));
+  run(all, 1);
+  expect(items.get("plantar.alerts_wanted")).toBe("left");
 });
 
 test("feet of which the wearer does not want alerts are not named", () => {
@@ -545,7 +618,7 @@ test("feet of which the wearer does not want alerts are not named", () => {
   box.checked = false;
   box.onchange();
   run(all, 300);
-  expect([all.alerts.problems(), items.get("plantar.alerts_wanted")]).toEqual([[], ""]);
+  expect([problems(all), items.get("plantar.alerts_wanted")]).toEqual([[], ""]);
 });
 
 test("while alerts are on and the page was not touched, the wearer is asked to touch it, because the browser allows no sound", () => {
@@ -554,7 +627,7 @@ test("while alerts are on and the page was not touched, the wearer is asked to t
   const { alerts, left } = start();
   expect(alerts.problems()).toEqual([]);
   left.receive(rules(true));
-  expect(alerts.problems()).toEqual(["Touch the page once, to allow the sound of alerts."]);
+  expect(problems({ alerts })).toEqual(["Touch the page once, to allow the sound of alerts."]);
   userActivation.hasBeenActive = true;
   expect(alerts.problems()).toEqual([]);
 });

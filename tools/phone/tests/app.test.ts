@@ -5,6 +5,7 @@ import { NOT_DELETED } from "../src/identify_controller";
 import { DatabaseStorage, type NewRecord, TemporaryStorage } from "../src/step_storage";
 import { StepStore } from "../src/step_store";
 import { BluetoothTransport } from "../src/transport/bluetooth";
+import { element } from "./elements";
 import { loadWire, messagesOf, step } from "./wire";
 
 vi.mock("../src/dom", async () => (await import("./elements")).dom);
@@ -161,4 +162,33 @@ test("an insole that is connected while a recording is loading does not lose its
   await vi.advanceTimersByTimeAsync(2000);
   expect(storage.records.size).toBe(6);
   expect(send).toHaveBeenCalledWith(0, wire.acknowledge(5));
+});
+
+test("a new version of the page is offered with a warning over Bluetooth, and not during a guided session", () => {
+  const app = new App(wire);
+  element("alert").hidden = true;
+  Object.assign(app["live_view"], { saturated: [], pictures: { left: {}, right: {} } });
+  app["has_update"] = true;
+  const note = () => {
+    app["update"](0);
+    return element("notes").content;
+  };
+  expect(note()).toContain('A new version of this page is ready.",["button"');
+  const transport = Object.assign(Object.create(BluetoothTransport.prototype), { insoles: new Map([[0, {}]]), close: () => undefined });
+  app["insoles"].transport = transport;
+  expect(note()).toContain("ready. Reloading ends the connection: choose your insoles again afterwards.");
+  app["identify"]["session"].phase = "stand";
+  expect(note()).not.toContain("A new version");
+});
+
+test("a text that only contains the word reload has no button that reloads the page", () => {
+  const app = new App(wire);
+  element("alert").hidden = true;
+  Object.assign(app["live_view"], { saturated: [], pictures: { left: {}, right: {} } });
+  const buttons = (problem: string) => {
+    app["problem"] = problem;
+    app["update"](0);
+    return element("notes").content.includes('"data-action":"reload"');
+  };
+  expect([buttons("Flash: reload of page 3 failed."), buttons("It failed. Reload the page and try again.")]).toEqual([false, true]);
 });

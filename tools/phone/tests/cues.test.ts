@@ -99,4 +99,7 @@ test("tones that the browser does not allow do not sound later, all at once", as
   await vi.advanceTimersByTimeAsync(1);
   // A signal has two tones.
   expect(sounds).toBe(2);
+  cues.tone([440]);
+  await vi.advanceTimersByTimeAsync(1);
+  expect(sounds).toBe(3);
 });

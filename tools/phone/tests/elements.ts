@@ -17,6 +17,7 @@ export class FakeElement {
   oninput = (): void => undefined;
   addEventListener = (): void => undefined;
   setAttribute = (name: string, value: string): void => void (this.attributes[name] = value);
+  getAttribute = (name: string): string | null => this.attributes[name] ?? null;
   querySelector = (): null => null;
   scrollIntoView = (): void => undefined;
 }
@@ -31,6 +32,7 @@ export function element(id: string): FakeElement {
 }
 
 export const dom = {
+  RELOAD: ["button", { "data-action": "reload" }, "Reload"],
   byId: element,
   fill(into: string | null, nodes: unknown[]): void {
     if (into !== null) element(into).content = JSON.stringify(nodes);

@@ -61,6 +61,22 @@ test("a recording that was not exported is replaced only if the wearer agrees", 
   expect([press(), press(), confirm.mock.calls.length]).toEqual([true, false, 2]);
 });
 
+test("a recording counts as saved once its file exists, unless it has grown or was replaced meanwhile", async () => {
+  const recorder = new Recorder();
+  const insoles = { hellos: new Map([[0, messagesOf(0)[0]]]), transport: undefined, sessions: [] } as unknown as Insoles;
+  listenToExport(wire, recorder, insoles, () => StepStore.ofRecording(wire), () => Promise.resolve(), () => undefined);
+  const add = () => messagesOf(0).slice(0, 10).forEach((message) => recorder.add(0, message, 0));
+  const restart = () => (recorder.start(0, []), add());
+  for (const [meanwhile, is_unsaved] of [[() => undefined, false], [add, true], [restart, true]] as const) {
+    restart();
+    element("export-live").onclick();
+    expect([recorder.is_unsaved, element("export-live").content]).toEqual([true, expect.not.stringContaining("records")]);
+    meanwhile();
+    await vi.waitFor(() => expect(element("export-live").attributes["aria-busy"]).toBe("false"));
+    expect(recorder.is_unsaved).toBe(is_unsaved);
+  }
+});
+
 test("a typing error does not delete the body mass, and a change in another tab is shown", () => {
   const storage = { getItem: () => null, setItem: () => undefined } as unknown as Storage;
   vi.stubGlobal("localStorage", storage);

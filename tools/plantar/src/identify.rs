@@ -31,7 +31,7 @@ use std::time::{Duration, Instant};
 /// Identifies the tissue parameters of a person who wears one insole or two, in a guided session.
 ///
 /// Nobody should take part with an open wound on a foot, with a cast, or against the advice not to walk. A rail or a companion
-/// helps. If stdin is a terminal, Enter begins the session and each standing trial; q ends the session at any time.
+/// helps. If stdin or stdout is a terminal, Enter begins the session and each standing trial; q ends the session at any time.
 ///
 /// The session has these parts: a standing trial determines the zero of the cells; a walk provides the steps; the parameters are
 /// identified and sent to the insoles, with their contact rule; further steps verify that the insoles' model is as accurate as
@@ -347,6 +347,8 @@ fn at_the_same_time<F: Send, T: Send>(
     mut show: impl FnMut() -> Result<bool>,
 ) -> Result<Vec<T>> {
     let end = || stop.store(true, Ordering::Relaxed);
+    // The feet also end if `show` panics because the output was closed; otherwise the scope would wait for them.
+    let _end = EndIfPanicking(stop);
     let work = |foot| work(foot, stop).inspect_err(|_| end());
     let work = &work;
     std::thread::scope(|scope| {
@@ -367,6 +369,17 @@ fn at_the_same_time<F: Send, T: Send>(
         let outcomes: Result<Vec<T>> = joined.collect();
         shown.and(outcomes)
     })
+}
+
+/// Sets the flag if the thread panics.
+struct EndIfPanicking<'s>(&'s AtomicBool);
+
+impl Drop for EndIfPanicking<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.store(true, Ordering::Relaxed);
+        }
+    }
 }
 
 /// The name of an existing folder, for display. A path such as `..` does not contain the name.

@@ -1,23 +1,18 @@
 //! Signals that end a session as the key q does, so that files are completed: SIGINT, as from Ctrl-C if the
-//! output is not a terminal (on the display, Ctrl-C is a key), SIGTERM and, from a terminal that closes, SIGHUP.
+//! output is not a terminal (on the display, Ctrl-C is a key), and SIGTERM.
 
 #[cfg(unix)]
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM};
 #[cfg(unix)]
 use signal_hook::flag;
-#[cfg(unix)]
-use std::io::{self, IsTerminal};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock};
 
 /// True if a signal has its default effect, which is to end the program at once. The first signal of a session sets it.
 static HAS_DEFAULT_EFFECT: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
     let has_default_effect = Arc::new(AtomicBool::new(true));
-    // `nohup`, which protects a program from SIGHUP, replaces all streams to the terminal.
     #[cfg(unix)]
-    let is_on_terminal = io::stdin().is_terminal() || io::stdout().is_terminal() || io::stderr().is_terminal();
-    #[cfg(unix)]
-    for signal in [SIGINT, SIGTERM].into_iter().chain(is_on_terminal.then_some(SIGHUP)) {
+    for signal in [SIGINT, SIGTERM] {
         // The actions run in this order, so that the first signal only sets the value. If the first action cannot be registered,
         // the signal has its default effect. If only the second one could not, which is not expected, the signal would have none
         // in a session.

@@ -453,30 +453,6 @@ fn a_recorder_that_receives_a_signal_completes_its_files() {
     }
 }
 
-/// A terminal that closes sends SIGHUP. `nohup`, which replaces all streams to the terminal, protects from it, as it does here for
-/// a program without such streams.
-#[test]
-#[cfg(unix)]
-fn a_recorder_completes_its_files_when_its_terminal_closes() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let out = folder.path().join("session");
-    let (listener, address) = listen();
-    let pair = native_pty_system().openpty(PtySize::default()).expect("a terminal");
-    let mut command = CommandBuilder::new("sh");
-    // The output is not a terminal, so that nothing has to read it.
-    command.args(["-c", "exec \"$0\" record --cells --tcp \"$1\" --out \"$2\" > /dev/null 2>&1"]);
-    command.args([env!("CARGO_BIN_EXE_plantar").as_ref(), address.as_ref(), out.as_os_str()]);
-    let mut child = pair.slave.spawn_command(command).expect("it runs");
-    let mut insole = Insole::with_steps([]).with_cells();
-    let mut host = listener.accept().expect("it connects").0;
-    assert!(insole.serve(&mut host, after_time_requests(3)));
-    let kill = format!("kill -HUP {}", child.process_id().expect("a process"));
-    assert!(Command::new("sh").args(["-c", &kill]).status().expect("a shell").success());
-    insole.serve(&mut host, |_| false);
-    assert!(child.wait().expect("it ends").success());
-    assert!(rows(&out.join("cells/000/part-00000.parquet")) > 1);
-}
-
 /// The link is lost again, and an answer does not arrive, while the recorder requests the cells after a reconnection.
 #[test]
 fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {

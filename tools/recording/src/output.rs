@@ -29,8 +29,8 @@ pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<
 /// Fails if the file cannot be stored. Devices, pipes, some network shares and folders do not support the request, which is no
 /// error.
 pub fn sync(file: &File) -> io::Result<()> {
-    /// The number of the error with which macOS refuses the request for an SMB share (ENOTSUP), and for which the standard library
-    /// has no kind.
+    /// The number of the error with which macOS refuses the request for an SMB share (ENOTSUP), and for which the standard
+    /// library has no kind.
     const MACOS_NOT_SUPPORTED: i32 = 45;
     match file.sync_all() {
         Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),

@@ -171,13 +171,15 @@ impl Foot {
         }
     }
 
-    /// Stores load records until `begins` is set.
+    /// Stores load records until `begins` is set. If the link was lost meanwhile, the user has to set it again: the part must not
+    /// begin by itself when the link returns.
     pub fn wait(&mut self, stop: &AtomicBool, begins: &AtomicBool) -> Result<()> {
         let mut file = self.new_stream_file(STAND_PREFIX)?;
         self.update(|progress| progress.needed = 0);
         self.follow(stop, |foot, item| {
-            if let Item::Message(message) = item {
-                foot.store_record(&mut file, &message)?;
+            match item {
+                Item::Message(message) => foot.store_record(&mut file, &message)?,
+                Item::Started => begins.store(false, Ordering::Relaxed),
             }
             Ok(begins.load(Ordering::Relaxed))
         })
@@ -314,7 +316,8 @@ impl Foot {
         let followed = self.follow(stop, |foot, item| walk.process(foot, item, &mut file));
         // If the link is lost, the stream has ended already, and the error is ignored.
         let _ = self.link.client().stream_cells(None);
-        followed.and(walk.cells.map_or(Ok(()), |mut cells| cells.complete_part()))
+        let completed = walk.cells.map_or(Ok(()), |mut cells| cells.complete_part());
+        followed.and(completed).and(file.finish().map_err(Into::into))
     }
 
     /// Sends the parameters once the link, which was lost, is open again.

@@ -57,7 +57,8 @@ pub struct SettingsArgs {
     /// A contact that is longer than this time, ms, is not a step.
     #[arg(long, value_name = "MS")]
     max_stance: Option<u16>,
-    /// Frames per second, 50 to 400.
+    /// Frames per second, 50 to 400. The board `wb55` supports at most 333, the board `nrf52840` at most 105; at higher rates,
+    /// they miss frames.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=400))]
     rate: Option<u32>,
     /// European shoe size, a whole number from 32 to 52. The positions and areas of the cells are those of the layout of size 42,

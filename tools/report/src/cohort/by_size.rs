@@ -28,8 +28,8 @@ const CHARTS_MARK_HEIGHT: f64 = 5.0;
 const LOGARITHMIC_FROM: f64 = 30.0;
 
 /// The CSS class that sets the colour of a size group. There are six colours, for the groups from 35-36 to 45-46. If there are
-/// larger sizes, the last colour is that of the largest group; otherwise, if there are smaller sizes, the first one is that of the
-/// smallest group. So only the groups of people with more than twelve successive sizes share a colour.
+/// larger sizes, the last colour is that of the largest group; otherwise, if there are smaller sizes, the first one is that of
+/// the smallest group. So only the groups of people with more than twelve successive sizes share a colour.
 fn colour(groups: &[SizeGroup], group: &SizeGroup) -> String {
     let sizes = || groups.iter().map(|group| group.smaller_eur);
     let first_eur = match sizes().max() {
