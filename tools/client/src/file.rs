@@ -39,15 +39,27 @@ pub fn reserve(file: &File) -> io::Result<()> {
 /// Synchronises the contents of a file with the disk.
 ///
 /// # Errors
-/// If the contents cannot be stored. Devices such as /dev/null, pipes and some network shares do not support the request, which
-/// is no error.
+/// If the contents cannot be stored. Devices such as /dev/null and some network shares do not support the request, which is no
+/// error. Neither does a pipe; this is an error, because nobody knows whether its reader stores the contents.
 pub fn sync_data(file: &File) -> io::Result<()> {
     /// The number of the error with which macOS refuses the request for an SMB share (ENOTSUP), and for which the standard
     /// library has no kind.
     const MACOS_NOT_SUPPORTED: i32 = 45;
     match file.sync_data() {
+        Err(error) if is_pipe(file) => Err(error),
         Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
         Err(error) if cfg!(target_os = "macos") && error.raw_os_error() == Some(MACOS_NOT_SUPPORTED) => Ok(()),
         synchronised => synchronised,
     }
+}
+
+#[cfg(unix)]
+fn is_pipe(file: &File) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    file.metadata().is_ok_and(|metadata| metadata.file_type().is_fifo())
+}
+
+#[cfg(not(unix))]
+fn is_pipe(_: &File) -> bool {
+    false
 }

@@ -31,7 +31,7 @@ use std::time::{Duration, Instant};
 /// Identifies the tissue parameters of a person who wears one insole or two, in a guided session.
 ///
 /// Nobody should take part with an open wound on a foot, with a cast, or against the advice not to walk. A rail or a companion
-/// helps. If stdin or stdout is a terminal, Enter begins the session and each standing trial; q ends the session at any time.
+/// helps. If stdin is a terminal, Enter begins the session and each standing trial; q ends the session at any time.
 ///
 /// The session has these parts: a standing trial determines the zero of the cells; a walk provides the steps; the parameters are
 /// identified and sent to the insoles, with their contact rule; further steps verify that the insoles' model is as accurate as

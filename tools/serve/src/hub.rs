@@ -926,10 +926,11 @@ mod tests {
         assert!(error.contains("cannot write /dev/full") && error.contains("No space left"), "{error}");
     }
 
-    /// The recording is a pipe that is not read until a page has received its messages.
+    /// The recording is a pipe that is full until a page has received its messages.
     #[test]
-    #[cfg(unix)]
+    #[cfg(target_os = "linux")]
     fn a_page_does_not_wait_until_a_record_is_written() {
+        use std::io::{Read, Write};
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("walk.plantar");
         assert!(std::process::Command::new("mkfifo").arg(&path).status().expect("it runs").success());
@@ -937,25 +938,24 @@ mod tests {
         let mut pipe = std::fs::File::options().read(true).write(true).open(&path).expect("a pipe");
         let hub = Arc::new(Hub::new(vec![None], false, Some(StreamFile::create(&path).expect("a pipe"))));
         let mut page = hub.join();
-        let (recorded, numbers) = std::sync::mpsc::channel();
+        hub.hello(0, &testkit::hello(), None, None, None, None);
+        // A pipe has 16 pages. The hello is in the first one.
+        let others = [0; 15 * 4096];
+        pipe.write_all(&others).expect("written");
+        let (recorded, records) = std::sync::mpsc::channel();
         let bridge = hub.clone();
         std::thread::spawn(move || {
-            bridge.hello(0, &testkit::hello(), None, None, None, None);
-            (0..).try_for_each(|number| {
-                bridge.load_record(0, testkit::step(number).into());
-                recorded.send(number)
-            })
+            bridge.load_record(0, testkit::step(0).into());
+            recorded.send(())
         });
-        // The pipe is full once no further record is written.
-        while numbers.recv_timeout(Duration::from_secs(1)).is_ok() {}
+        assert!(records.recv_timeout(Duration::from_secs(1)).is_err(), "the pipe is not full");
         let (received, messages) = std::sync::mpsc::channel();
         std::thread::spawn(move || received.send(page.next()));
         let message =
             messages.recv_timeout(Duration::from_secs(20)).expect("the page does not wait").expect("a message");
         assert!(matches!(decode(&message[1..]), Some(ToHost::Hello(_))));
-        // The thread ends after its present record, once this is written.
-        drop(numbers);
-        std::io::Read::read_exact(&mut pipe, &mut [0; 4096]).expect("messages");
+        pipe.read_exact(&mut vec![0; others.len()]).expect("messages");
+        records.recv_timeout(Duration::from_secs(20)).expect("the record is written");
     }
 
     #[test]

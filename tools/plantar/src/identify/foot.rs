@@ -171,15 +171,13 @@ impl Foot {
         }
     }
 
-    /// Stores load records until `begins` is set. If the link was lost meanwhile, the user has to set it again: the part must not
-    /// begin by itself when the link returns.
+    /// Stores load records until `begins` is set.
     pub fn wait(&mut self, stop: &AtomicBool, begins: &AtomicBool) -> Result<()> {
         let mut file = self.new_stream_file(STAND_PREFIX)?;
         self.update(|progress| progress.needed = 0);
         self.follow(stop, |foot, item| {
-            match item {
-                Item::Message(message) => foot.store_record(&mut file, &message)?,
-                Item::Started => begins.store(false, Ordering::Relaxed),
+            if let Item::Message(message) = item {
+                foot.store_record(&mut file, &message)?;
             }
             Ok(begins.load(Ordering::Relaxed))
         })

@@ -51,9 +51,9 @@ impl Input {
     }
 }
 
-/// True if a person can press keys: stdin or stdout is a terminal.
+/// True if a person can press keys: stdin is a terminal.
 pub fn has_keyboard() -> bool {
-    std::io::stdin().is_terminal() || std::io::stdout().is_terminal()
+    std::io::stdin().is_terminal()
 }
 
 /// The state of a foot that the screen shows.
@@ -94,38 +94,33 @@ pub struct Screen {
     /// `None` if stdout is not a terminal.
     terminal: Option<DefaultTerminal>,
     signals: Signals,
-    /// The user has requested the end of the session before this screen was opened.
-    is_end_requested: bool,
     /// The lines of the last picture, if stdout is not a terminal. Of the next picture, only the lines that are not among them
     /// are printed.
     printed: Vec<String>,
 }
 
 impl Screen {
-    /// Switches the terminal to the screen, if stdout is a terminal. Keys that were pressed before do not begin the next part.
+    /// Switches the terminal to the screen, if stdout is a terminal.
     pub fn open() -> Result<Self> {
         let terminal = if std::io::stdout().is_terminal() { Some(ratatui::try_init()?) } else { None };
-        let mut is_end_requested = false;
-        while has_keyboard() && event::poll(Duration::ZERO)? {
-            is_end_requested |= Input::of(&event::read()?) == Input::End;
-        }
-        Ok(Self { terminal, signals: Signals::catch(), is_end_requested, printed: Vec::new() })
+        Ok(Self { terminal, signals: Signals::catch(), printed: Vec::new() })
     }
 
     /// Shows the instruction and the feet, and waits until a key is pressed or the next picture is due. Returns what the key or a
     /// signal requests.
     pub fn show(&mut self, instruction: &str, feet: &[Progress]) -> Result<Input> {
+        let has_keys = self.terminal.is_some() || has_keyboard();
         match &mut self.terminal {
             Some(terminal) => _ = terminal.draw(|frame| draw(frame, instruction, feet))?,
             None => self.print(instruction, feet),
         }
         let mut input = Input::None;
-        if !has_keyboard() {
+        if !has_keys {
             std::thread::sleep(REDRAW);
         } else if event::poll(REDRAW)? {
             input = Input::of(&event::read()?);
         }
-        Ok(if self.is_end_requested || self.signals.have_arrived() { Input::End } else { input })
+        Ok(if self.signals.have_arrived() { Input::End } else { input })
     }
 
     /// Prints the lines that have changed.
