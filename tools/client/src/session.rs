@@ -16,8 +16,8 @@ use std::time::Duration;
 pub(crate) const ANSWER: Duration = Duration::from_secs(2);
 /// Time between two connect requests while the insole does not answer.
 const CONNECT_INTERVAL: Duration = Duration::from_millis(500);
-/// Time after which the last acknowledgement is sent again. It may have been lost on the way, and an insole whose records are all
-/// unacknowledged sends no further ones, so that no later acknowledgement would follow.
+/// Time after which the last acknowledgement is sent again. It may have been lost on the way: an insole that has sent as many
+/// records as it sends without an acknowledgement then sends no further ones, so that no later acknowledgement would follow.
 const REPEAT_ACKNOWLEDGEMENT: Duration = Duration::from_secs(2);
 /// If the caller has not read the carrier for this time, messages may have been lost: the operating system stores only some
 /// thousand bytes of a serial port. A lost record is noticed by the next one, but the lost records may be all that the insole

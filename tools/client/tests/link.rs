@@ -507,20 +507,26 @@ fn the_times_of_an_insole_follow_a_wall_clock_that_is_set() {
     }
 }
 
-/// An insole with the virtual clock. The second request for its cells is lost on the way.
+/// An insole with the virtual clock, to which one message is lost on the way.
 struct Lossy {
     session: Rc<RefCell<Session>>,
-    /// Number of requests for the cells.
-    requests: u32,
+    /// True for a message of the kind that is lost.
+    is_of_kind: fn(&ToDevice) -> bool,
+    /// Number of messages of this kind before the lost one; `None` after it.
+    before: Option<u32>,
 }
 
 impl Carrier for Lossy {
     fn send(&mut self, message: ToDevice) -> io::Result<()> {
-        let is_request = matches!(message, ToDevice::StreamCells(_));
-        self.requests += u32::from(is_request);
-        if !is_request || self.requests != 2 {
-            self.session.borrow_mut().receive(message, NOW_US.get());
+        if (self.is_of_kind)(&message)
+            && let Some(before) = self.before
+        {
+            self.before = before.checked_sub(1);
+            if before == 0 {
+                return Ok(());
+            }
         }
+        self.session.borrow_mut().receive(message, NOW_US.get());
         Ok(())
     }
 
@@ -555,7 +561,9 @@ fn alert(number: u32) -> Alert {
 #[test]
 fn a_lost_request_to_continue_the_cells_is_repeated() {
     let session = Rc::new(RefCell::new(Session::new()));
-    let carrier = Lossy { session: session.clone(), requests: 0 };
+    // The stream is requested once before the loss of the record.
+    let is_of_kind = |message: &ToDevice| matches!(message, ToDevice::StreamCells(_));
+    let carrier = Lossy { session: session.clone(), is_of_kind, before: Some(1) };
     let mut client = Client::connect(carrier, Duration::from_secs(5)).expect("an insole");
     client.stream_cells(Some(CELLS)).expect("an answer");
     let mut receive = || (0..100).for_each(|_| drop(client.receive().expect("the carrier has no errors")));
@@ -569,35 +577,6 @@ fn a_lost_request_to_continue_the_cells_is_repeated() {
     assert!(session.borrow().streams_cells());
 }
 
-/// An insole with the virtual clock. The first acknowledgement is lost on the way.
-struct Unacknowledged {
-    session: Rc<RefCell<Session>>,
-    acknowledgements: u32,
-}
-
-impl Carrier for Unacknowledged {
-    fn send(&mut self, message: ToDevice) -> io::Result<()> {
-        let is_acknowledgement = matches!(message, ToDevice::Acknowledge { .. });
-        self.acknowledgements += u32::from(is_acknowledgement);
-        if !is_acknowledgement || self.acknowledgements != 1 {
-            self.session.borrow_mut().receive(message, NOW_US.get());
-        }
-        Ok(())
-    }
-
-    fn receive(&mut self) -> io::Result<Option<ToHost>> {
-        Ok(read(&mut self.session.borrow_mut(), Status::default()))
-    }
-
-    fn damaged(&self) -> u32 {
-        0
-    }
-
-    fn now_us() -> u64 {
-        NOW_US.get()
-    }
-}
-
 /// The numbers of the alerts that a client receives in 100 reads.
 fn received<C: Carrier>(client: &mut Client<C>) -> Vec<u32> {
     let messages = (0..100).filter_map(|_| client.receive().expect("the carrier has no errors"));
@@ -609,7 +588,8 @@ fn received<C: Carrier>(client: &mut Client<C>) -> Vec<u32> {
 #[test]
 fn a_lost_acknowledgement_of_all_records_is_repeated() {
     let session = Rc::new(RefCell::new(Session::new()));
-    let carrier = Unacknowledged { session: session.clone(), acknowledgements: 0 };
+    let is_of_kind = |message: &ToDevice| matches!(message, ToDevice::Acknowledge { .. });
+    let carrier = Lossy { session: session.clone(), is_of_kind, before: Some(0) };
     let mut client = Client::connect(carrier, Duration::from_secs(5)).expect("an insole");
     let count = RECORD_QUEUE as u32;
     (0..count).for_each(|number| session.borrow_mut().push_record(alert(number)));

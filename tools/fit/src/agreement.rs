@@ -163,10 +163,16 @@ impl FootRepeatability {
         }
     }
 
+    fn people_in_words(&self) -> String {
+        match self.people.len() {
+            1 => "one person".into(),
+            people => format!("{people} people"),
+        }
+    }
+
     /// A sentence on the confidence of the minimal detectable change, which is less than 95 % for few people and trials.
     pub fn mdc_note(&self) -> String {
-        let (people, trials) = (self.people.len(), self.trials);
-        let people = if people == 1 { "one person".into() } else { format!("{people} people") };
+        let (people, trials) = (self.people_in_words(), self.trials);
         let percent = mdc_confidence(self.people.len(), trials).map_or(f64::NAN, |confidence| confidence * 100.0);
         format!(
             "With {trials} trials of {people}, {percent:.0} % of the differences between trials of an unchanged person are within \
@@ -176,8 +182,7 @@ impl FootRepeatability {
 
     /// A sentence on the number of trials that are compared.
     pub fn comparison(&self) -> String {
-        let (side, people, trials) = (self.side.name(), self.people.len(), self.trials);
-        let people = if people == 1 { "one person".into() } else { format!("{people} people") };
+        let (side, people, trials) = (self.side.name(), self.people_in_words(), self.trials);
         match self.most_trials == trials {
             true => format!("{side} foot: {trials} trials of {people}"),
             false => {

@@ -108,7 +108,7 @@ export class Alerts {
   private signalled_ms = -Infinity;
   /** The feet of which the wearer wants alerts. */
   private wanted: readonly Side[] = [];
-  /** The sessions whose insoles the wearer has asked for alerts, and which have not confirmed it yet. */
+  /** The sessions with insoles that the wearer has asked for alerts and that have not confirmed it yet. */
   private asked = new Set<Session>();
   /** When the insole of a foot was last connected in this visit, as a time of `performance.now()`. */
   private readonly connected_ms = new Map<Side, number>();

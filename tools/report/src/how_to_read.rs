@@ -87,8 +87,7 @@ pub fn instructions(options: &Options) -> Markup {
              effective area, which also depends on the pressure. The measured force is the sum of the sensors: shear, and load \
              beside the sensors, are not part of it. \
              Deformations, and with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the \
-             tissue were measured. The eight regions are a convention for comparing feet, not \
-             anatomical structures. This is not a medical device; it must not be used for diagnosis."
+             tissue were measured. The eight regions are a convention for comparing feet, not anatomical structures. This is not a medical device; it must not be used for diagnosis."
         }
         p {
             strong { "Source. " }
