@@ -45,11 +45,26 @@ const RADIO_CHECK: Duration = Duration::from_secs(1);
 /// Time between two checks whether the central is still connected or, while the insole advertises, whether it is worn.
 const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 
-/// Time between two advertisements of a worn insole: the default of the Bluetooth host. A phone finds it within a second.
-const ADVERTISING_WORN: Duration = Duration::from_millis(160);
-/// Time between two advertisements of an insole that is not worn. It is longer, to save energy; a phone finds the insole within
-/// some seconds.
+/// Time between two advertisements of a worn insole: an interval of Apple's guidelines for accessories, which also fits the windows
+/// in which other phones scan. A phone finds the insole within a second.
+const ADVERTISING_WORN: Duration = Duration::from_micros(152_500);
+/// Time between two advertisements of an insole that is not worn, also one of these intervals. It is longer, to save energy; a
+/// phone finds the insole within some seconds.
 const ADVERTISING_UNWORN: Duration = Duration::from_millis(1_285);
+
+/// What the insole requests of a bonded central, within the rules of Apple's guidelines for accessories. Without a request, phones
+/// and computers have chosen intervals up to 60 ms, too long for 100 live frames a second, and Linux a timeout of 0.42 s, in which
+/// a body between insole and computer interrupts the link.
+const LINK: RequestedConnParams = RequestedConnParams {
+    min_connection_interval: Duration::from_millis(15),
+    max_connection_interval: Duration::from_millis(30),
+    max_latency: 0,
+    min_event_length: Duration::from_ticks(0),
+    max_event_length: Duration::from_ticks(0),
+    supervision_timeout: Duration::from_secs(4),
+};
+/// Longest packet of the radio, bytes, and the time that it takes at 1 Mbit/s, us.
+const PACKET: (u16, u16) = (251, 2_120);
 
 /// The HCI byte stream (H4) between radio and Bluetooth host, in one direction.
 pub type HciPipe = Pipe<CriticalSectionRawMutex, 128>;
@@ -269,6 +284,9 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             GattConnectionEvent::PairingComplete { bond: Some(bond), .. }
             | GattConnectionEvent::Encrypted { bond: Some(bond), .. } => {
                 bonds::remember(stack, bond, insole);
+                // The central or the radio may refuse both: the link then remains as the central has set it up.
+                let _ = connection.raw().update_data_length(stack, PACKET.0, PACKET.1).await;
+                let _ = connection.raw().update_connection_params(stack, &LINK).await;
                 continue;
             }
             GattConnectionEvent::Gatt { event } => event,

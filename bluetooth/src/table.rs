@@ -38,22 +38,8 @@ impl Table {
         // This fails only if the name has more than 22 bytes, and the name of an insole is shorter.
         let _ = GapConfig::Peripheral(PeripheralConfig { name: insole.name(), appearance }).build(&mut table);
 
-        let mut information = table.add_service(Service::new(s::DEVICE_INFORMATION));
-        information.add_characteristic_ro(c::MANUFACTURER_NAME_STRING, "Plantar").build();
-        information.add_characteristic_ro(c::MODEL_NUMBER_STRING, insole.model()).build();
-        information.add_characteristic_ro(c::FIRMWARE_REVISION_STRING, insole.firmware()).build();
-        let battery = insole.battery_percent().map(|percent| {
-            let mut battery = table.add_service(Service::new(s::BATTERY));
-            battery.add_characteristic_small(c::BATTERY_LEVEL, [Read], percent).build()
-        });
-        let mut time = table.add_service(Service::new(s::CURRENT_TIME));
-        let time = time.add_characteristic_small(c::CURRENT_TIME, [Read, Write, Notify], [0; 10]).build();
-        let mut running = table.add_service(Service::new(s::RUNNING_SPEED_AND_CADENCE));
-        let cadence = running.add_characteristic_small(c::RSC_MEASUREMENT, [Notify], []).build();
-        // The insole has no optional feature of Running Speed and Cadence.
-        running.add_characteristic_ro(c::RSC_FEATURE, &[0u8; 2]).build();
-        // The insole's service and that of management tools come last: every handle from that of the control characteristic on
-        // needs a bond.
+        // A phone that has bonded may remember the handles, and there is no Service Changed. So the handles of the insole's
+        // service never change: new services follow after the others.
         let mut insole_service = table.add_service(Service::new(Uuid::from(gatt::SERVICE)));
         let mut stream = |uuid: u128, props: &[CharacteristicProp]| {
             insole_service.add_characteristic_small(Uuid::from(uuid), props, []).build()
@@ -67,12 +53,28 @@ impl Table {
             let props = [WriteWithoutResponse, Notify];
             tools.add_characteristic_small(Uuid::from(gatt::MANAGEMENT), props, []).build()
         });
+        let mut time = table.add_service(Service::new(s::CURRENT_TIME));
+        let time = time.add_characteristic_small(c::CURRENT_TIME, [Read, Write, Notify], [0; 10]).build();
+        let mut running = table.add_service(Service::new(s::RUNNING_SPEED_AND_CADENCE));
+        let cadence = running.add_characteristic_small(c::RSC_MEASUREMENT, [Notify], []).build();
+        // The insole has no optional feature of Running Speed and Cadence.
+        running.add_characteristic_ro(c::RSC_FEATURE, &[0u8; 2]).build();
+        let mut information = table.add_service(Service::new(s::DEVICE_INFORMATION));
+        information.add_characteristic_ro(c::MANUFACTURER_NAME_STRING, "Plantar").build();
+        information.add_characteristic_ro(c::MODEL_NUMBER_STRING, insole.model()).build();
+        information.add_characteristic_ro(c::FIRMWARE_REVISION_STRING, insole.firmware()).build();
+        let battery = insole.battery_percent().map(|percent| {
+            let mut battery = table.add_service(Service::new(s::BATTERY));
+            battery.add_characteristic_small(c::BATTERY_LEVEL, [Read], percent).build()
+        });
         (Self { battery, time, cadence, control, live, steps, parameters, management }, AttributeServer::new(table))
     }
 
-    /// True for handles that only a bonded central on an encrypted link may write. Handles of subscriptions are included.
+    /// True for handles that only a bonded central on an encrypted link may write: all that can be written, also those of
+    /// subscriptions. A phone pairs only if it is refused, so that a generic app that subscribes to the cadence pairs, too, and is
+    /// not disconnected after 30 s.
     pub fn is_guarded(&self, handle: u16) -> bool {
-        handle == self.time.handle || Some(handle) == self.time.cccd_handle || handle >= self.control.handle
+        handle >= self.control.handle
     }
 
     /// The channel of a value handle that a central may write; `None` for other handles.

@@ -43,30 +43,38 @@ fn an_unbonded_phone_reads_values_of_standard_services_and_nothing_else() {
     let expected: Vec<(&str, Vec<(&str, u64)>)> = vec![
         ("1800", vec![("2a00", read), ("2a01", read)]),
         ("1801", vec![]),
-        ("180a", vec![("2a29", read), ("2a24", read), ("2a26", read)]),
-        ("180f", vec![("2a19", read)]),
-        ("1805", vec![(CURRENT_TIME, read | write | notify)]),
-        ("1814", vec![(RSC_MEASUREMENT, notify), ("2a54", read)]),
         (
             "dca8c300-cb96-463f-8bec-f2094e1ccf7b",
             vec![(CONTROL, write | indicate), (LIVE, notify), (STEPS, notify), (PARAMETERS, write | indicate)],
         ),
         ("8d53dc1d-1db7-4cd3-868b-8a527460aa84", vec![(MANAGEMENT, command | notify)]),
+        ("1805", vec![(CURRENT_TIME, read | write | notify)]),
+        ("1814", vec![(RSC_MEASUREMENT, notify), ("2a54", read)]),
+        ("180a", vec![("2a29", read), ("2a24", read), ("2a26", read)]),
+        ("180f", vec![("2a19", read)]),
     ];
+    // A bonded phone may remember the handles, so those of the insole's service never change. Each service has a handle, each
+    // characteristic one before that of its value, and each descriptor one.
+    let mut handle = 0;
     let expected: Value = expected
         .into_iter()
         .map(|(uuid, characteristics)| {
+            handle += 1;
             let characteristics: Value = characteristics
                 .into_iter()
                 .map(|(uuid, properties)| {
                     let descriptors: &[&str] = if properties & (notify | indicate) != 0 { &["2902"] } else { &[] };
-                    json!({"uuid": uuid, "properties": properties, "descriptors": descriptors})
+                    let value_handle = handle + 2;
+                    handle = value_handle + descriptors.len();
+                    json!({"uuid": uuid, "handle": value_handle, "properties": properties, "descriptors": descriptors})
                 })
                 .collect();
             json!({"uuid": uuid, "characteristics": characteristics})
         })
         .collect();
     assert_eq!(table, expected, "{table:#}");
+    // The control characteristic of the insole's service.
+    assert_eq!(table[2]["characteristics"][0]["handle"], 9);
 
     assert_eq!(phone.read(&mut world.radio, "2a00"), b"Plantar L");
     assert_eq!(phone.read(&mut world.radio, "2a29"), b"Plantar");
@@ -86,7 +94,8 @@ fn an_unbonded_phone_reads_values_of_standard_services_and_nothing_else() {
             "{characteristic}"
         );
     }
-    for characteristic in CHARACTERISTICS.into_iter().chain([MANAGEMENT]) {
+    // A generic app pairs once its subscription to the cadence is refused.
+    for characteristic in CHARACTERISTICS.into_iter().chain([MANAGEMENT, RSC_MEASUREMENT]) {
         let subscribed = world.radio.try_request(json!({"do": "subscribe", "phone": phone.name, "to": characteristic}));
         assert_eq!(
             subscribed.expect_err("the subscription must be refused").att,
@@ -150,6 +159,24 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
 }
 
 /// A phone finds an insole that is not worn, which scans twice a second. From the first load on, the insole scans every frame.
+/// The phone accepts only what Apple's guidelines for accessories allow: an interval of at least 15 ms and a range of at least
+/// 15 ms, a latency of at most 30, and a timeout of 2 to 6 s that is longer than three times the effective interval.
+#[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
+fn an_insole_requests_a_link_for_its_live_stream_of_a_bonded_phone() {
+    let mut world = World::start(WALK(1));
+    let phone = world.bonded_phone(247);
+    let requested = world.radio.request(json!({"do": "requested_link", "phone": phone.name}));
+    let link: Vec<u64> = serde_json::from_value(requested["link"].clone()).expect("four numbers");
+    let &[shortest, longest, latency, timeout] = &link[..] else { panic!("{link:?}") };
+    let (shortest_ms, longest_ms, timeout_ms) = (1.25 * shortest as f64, 1.25 * longest as f64, 10.0 * timeout as f64);
+    assert!(shortest_ms >= 15.0 && longest_ms >= shortest_ms + 15.0, "{link:?}");
+    assert!(latency <= 30 && (2_000.0..=6_000.0).contains(&timeout_ms), "{link:?}");
+    assert!(timeout_ms > 3.0 * longest_ms * (latency + 1) as f64, "{link:?}");
+    // At 100 Hz, three frames wait for each event, which is the number of packets that the nRF52840 holds.
+    assert!(longest_ms <= 30.0, "{link:?}");
+}
+
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {

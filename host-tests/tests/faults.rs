@@ -244,6 +244,34 @@ fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
     }
 }
 
+/// A stone in the shoe does this: it loads one cell beyond the end of the scale, and the cell is unloaded in swing. Without this
+/// pressure, the insole would give no alert.
+#[test]
+fn a_cell_that_is_saturated_in_stance_only_is_reported_once_and_remains_in_use() {
+    const PRESSED: usize = 27;
+    let cells = (0..64u8).map(|i| SetupCell {
+        row_column: i,
+        ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0)
+    });
+    let mut insole = Box::new(Insole::<f64, 64>::new());
+    insole.set_up(SETUP, cells).expect("the set-up is accepted");
+    for seq in 0..1_000 {
+        // Sixty frames of stance are followed by forty frames of swing.
+        let kpa = 120.0 * (PI * f64::from(seq % 100) / 60.0).sin().max(0.0);
+        let mut codes = [code_of(&LAW, kpa); 64];
+        let is_pressed = kpa > 60.0;
+        if is_pressed {
+            codes[PRESSED] = u16::MAX;
+        }
+        insole.frame(seq, &codes);
+        assert_eq!(insole.loads()[Region::Heel as usize].frame.saturated, is_pressed, "frame {seq}");
+    }
+    let faults = insole.faults();
+    let listed: Vec<_> = faults.list.iter().map(|fault| (fault.kind, fault.place)).collect();
+    assert_eq!(listed, [(FaultKind::Saturated, Place::Cell(PRESSED as u16))]);
+    assert_eq!((faults.found, faults.masked_cells, insole.masked()), (1, [0; 8], 0));
+}
+
 /// The message has the time in ms as a `u32`, which is at most 49.7 days.
 #[test]
 fn the_time_of_a_fault_saturates() {

@@ -184,6 +184,8 @@ fn a_refused_image_is_not_swapped_in() {
         // A version that does not consist of three numbers counts as older.
         (Offer { header: Header::new("board", "9"), ..NEW.offer() }, Refusal::Older),
         (Offer { chunks: 0, ..NEW.offer() }, Refusal::Length),
+        // Its signature would not cover the header.
+        (Offer { chunks: 2, ..NEW.offer() }, Refusal::Length),
         (Offer { chunks: (MAX_IMAGE as usize / CHUNK) as u16 + 1, ..NEW.offer() }, Refusal::Length),
         // The signature covers the header, so an offer with another version does not match.
         (Offer { header: Header::new("board", "9.9.9"), ..NEW.offer() }, Refusal::Header),

@@ -2,7 +2,7 @@
 
 use crate::exception;
 use anyhow::{Context, anyhow};
-use client::{Carrier, Error, Event, Framed, Link, READ_TIMEOUT, ReconnectPolicy};
+use client::{Carrier, Error, Event, Framed, Link, READ_TIMEOUT, ReadAhead, ReconnectPolicy};
 use client::{alert_to_json, bout_to_json, step_to_json};
 use parameters::Parameters;
 use plantar::Region;
@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use serde_json::{Map, Value as Json, json};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use study::records::{columns, flag_columns};
 use study::table::Value;
 
@@ -35,7 +35,7 @@ impl Insole {
         let name = address.clone();
         let open = move || carrier(&address, baud).map_err(|error| Error::Open(error.into()));
         let link =
-            py.detach(|| Link::connect(Box::new(open), ReconnectPolicy::STREAM)).map_err(|e| failure(&name, e))?;
+            py.detach(|| Link::connect(Arc::new(open), ReconnectPolicy::STREAM)).map_err(|e| failure(&name, e))?;
         Ok(Self { link: Mutex::new(Some(link)), name })
     }
 
@@ -61,7 +61,7 @@ impl Insole {
 
     /// The next event: its kind, its values as JSON, and the time of the frame, or of the start of the record, on this
     /// computer's clock, s since 1970. `None` if nothing arrived within [`READ_TIMEOUT`], or if another message arrived, which is
-    /// no event. After the link was lost, each call waits and makes one attempt to open it again.
+    /// no event, or while the link is lost and is opened again on another thread.
     fn next_event(&self, py: Python) -> PyResult<Option<(&'static str, String, Option<f64>)>> {
         let (event, mapping) =
             self.with_link(py, |link| Ok((link.next_event()?, link.client().clock_mapping().clone())))?;
@@ -153,7 +153,8 @@ fn carrier(address: &str, baud: Option<u32>) -> anyhow::Result<Box<dyn Carrier +
         let port = serialport::new(address, baud).timeout(READ_TIMEOUT).open();
         let problem =
             "the serial port cannot be opened: is the insole plugged in, and no other program connected to it?";
-        return Ok(Box::new(Framed::new(port.context(problem)?)));
+        let port = port.context(problem)?;
+        return Ok(Box::new(Framed::new(ReadAhead::new(port.try_clone()?, port))));
     }
     let remedy = "is the insole or its bridge running there, or is another program connected to it?";
     let problem = "the address must have the form HOST:PORT, and this computer must know the host";

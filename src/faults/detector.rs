@@ -10,7 +10,7 @@ use crate::num::Real;
 use crate::pipeline::baseline::{GAIT_MS, Rise};
 use crate::pipeline::calibrate::is_saturated;
 use crate::pipeline::cell::{AREA_SHIFT, InsoleCell};
-use crate::pipeline::marks::{IMPLAUSIBLE_SATURATION, LINES, MASKED};
+use crate::pipeline::marks::{Count, IMPLAUSIBLE_SATURATION, LINES, MASKED};
 use crate::pipeline::stance_rule::SETTLE_MS;
 use heapless::Vec;
 
@@ -209,7 +209,7 @@ impl FaultDetector {
     }
 
     /// Concludes a review of all cells: reports faults of lines first, then those of single cells, and crosstalk of a row only if
-    /// there are no others.
+    /// there are no others. Masks the faulty cells, except single ones that are saturated in stance only.
     fn conclude<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
         let before = self.faults.found;
         if self.has_lines {
@@ -225,8 +225,15 @@ impl FaultDetector {
         for index in 0..frame.cells.len() {
             let marks = &frame.cells[index].marks;
             if let (false, Some(kind)) = (marks.is_masked(), marks.diagnosis()) {
-                self.report(frame, kind, Place::Cell(index as u16));
-                self.mask(frame, index);
+                // A stone in the shoe or a prominent bone saturates a sound cell in the same way. So the cell remains in use, as a
+                // lower bound of the pressure that is flagged as saturated, and is reported in the second of successive steps only.
+                let is_in_use = kind == FaultKind::Saturated;
+                if !is_in_use || marks.count(Count::ImplausibleSaturation) == 2 {
+                    self.report(frame, kind, Place::Cell(index as u16));
+                }
+                if !is_in_use {
+                    self.mask(frame, index);
+                }
             }
             frame.cells[index].begin_step();
         }

@@ -3,7 +3,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-/// Largest number of listed faults. Further faults are counted, and their cells masked.
+/// Largest number of listed faults. Further faults are counted, and treated in the same way.
 pub const MAX_FAULTS: usize = 16;
 
 /// The kind of a fault.
@@ -16,7 +16,8 @@ pub enum FaultKind {
     Short,
     /// A constant reading, regardless of the load.
     Stuck,
-    /// Full scale while the neighbouring cells read little.
+    /// Full scale in stance while the neighbouring cells read little: a damaged cell, or an object or a bone that presses on it. A
+    /// single such cell is not masked.
     Saturated,
     /// The unloaded reading of a cell drifts farther than its baseline can follow.
     Drift,

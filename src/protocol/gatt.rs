@@ -28,7 +28,7 @@ pub const MANAGEMENT_SERVICE: u128 = 0x8d53_dc1d_1db7_4cd3_868b_8a52_7460_aa84;
 pub const MANAGEMENT: u128 = 0xda2e_7828_fbce_4e01_ae9e_2611_7499_7c48;
 
 /// Bytes per second that a link is assumed to carry from the insole: four values of 244 bytes in each connection interval of
-/// 30 ms, the longest one that common phones choose for a link in use.
+/// 30 ms, the longest one that the insole requests. A central that refuses may choose a longer one.
 pub const BYTES_PER_S: u32 = 4 * 244 * 1000 / 30;
 
 /// The advertised name of an insole.

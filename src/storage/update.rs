@@ -111,7 +111,9 @@ impl Update {
         if offer.header.number() < running.number() {
             return Err(Refusal::Older);
         }
-        if !(1..=MAX_IMAGE).contains(&(u32::from(offer.chunks) * CHUNK as u32)) {
+        // The signature must cover the header.
+        let least = HEADER + Header::BYTES as u32;
+        if !(least..=MAX_IMAGE).contains(&(u32::from(offer.chunks) * CHUNK as u32)) {
             return Err(Refusal::Length);
         }
         // During a trial, the previous image is at the address to which the new image would be written.

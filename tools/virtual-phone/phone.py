@@ -58,6 +58,7 @@ from bumble.hci import (
 )
 from bumble.host import Host
 from bumble.keys import MemoryKeyStore, PairingKeys
+from bumble.l2cap import L2CAP_Connection_Parameter_Update_Response
 from bumble.link import LocalLink
 from bumble.pairing import PairingConfig, PairingDelegate
 from bumble.transport.common import AsyncPipeSink, PacketParser
@@ -217,6 +218,16 @@ class Phone:
         self.peer = None
         # The characteristics of the insole by UUID.
         self.characteristics = {}
+        # The link that the insole requests, in the units of the request. The simulated link has no intervals, so it does not change.
+        self.requested_link = asyncio.Queue()
+        channels = self.device.l2cap_channel_manager
+        channels.on_l2cap_connection_parameter_update_request = self.on_requested_link
+
+    def on_requested_link(self, connection, channel, request):
+        """Accepts the link that the insole requests."""
+        response = L2CAP_Connection_Parameter_Update_Response(identifier=request.identifier, result=0)
+        self.device.l2cap_channel_manager.send_control_frame(connection, channel, response)
+        self.requested_link.put_nowait([request.interval_min, request.interval_max, request.latency, request.timeout])
 
     def set_bonding(self, bonding):
         """Sets whether the phone bonds when it pairs."""
@@ -263,6 +274,7 @@ class Phone:
                 self.characteristics[uuid] = characteristic
                 characteristics.append({
                     'uuid': uuid,
+                    'handle': characteristic.handle,
                     'properties': int(characteristic.properties),
                     'descriptors': [d.type.to_hex_str('-').lower() for d in characteristic.descriptors],
                 })
@@ -377,6 +389,8 @@ class World:
         if do == 'pair':
             await asyncio.wait_for(phone.connection.pair(), TIMEOUT_S)
             return {}
+        if do == 'requested_link':
+            return {'link': await asyncio.wait_for(phone.requested_link.get(), TIMEOUT_S)}
         if do == 'encrypt':
             await asyncio.wait_for(phone.connection.encrypt(), TIMEOUT_S)
             return {}

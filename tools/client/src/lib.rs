@@ -15,6 +15,7 @@ pub mod gait;
 mod json;
 mod link;
 mod order;
+mod read_ahead;
 mod session;
 mod stream_file;
 mod update;
@@ -29,6 +30,7 @@ pub use file::{create_or_open_empty, reserve, sync_data};
 pub use json::{bout_to_json, step_to_json};
 pub use link::{Event, Link, Meanwhile, Open, ReconnectPolicy, SessionStart};
 pub use order::{Arrival, RecordOrder};
+pub use read_ahead::ReadAhead;
 pub use session::Client;
 pub use stream_file::{DamagedAt, Entries, Entry, STREAM_INSOLES, StreamFile, append};
 

@@ -1,8 +1,11 @@
 //! A session that is opened again after its link was lost: how long to wait, when to try again, when to give up.
 
-use crate::{Carrier, Client, Error};
+use crate::session::open_session;
+use crate::{Carrier, Client, Error, READ_TIMEOUT};
 use plantar::protocol::{Hello, Refusal, Status, ToDevice, ToHost};
-use std::thread::sleep;
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
 /// How long to wait for an insole, and when to try again and to give up.
@@ -43,8 +46,8 @@ impl ReconnectPolicy {
     };
 }
 
-/// Opens a carrier to an insole.
-pub type Open<C> = Box<dyn FnMut() -> Result<C, Error> + Send>;
+/// Opens a carrier to an insole. After the loss of a link, it is called on another thread.
+pub type Open<C> = Arc<dyn Fn() -> Result<C, Error> + Send + Sync>;
 
 /// A session that is opened again after its link was lost.
 pub struct Link<C> {
@@ -52,6 +55,9 @@ pub struct Link<C> {
     open: Open<C>,
     policy: ReconnectPolicy,
     state: State,
+    /// The result of the present attempt to open the lost link again: the new carrier and, if a connect request was sent over
+    /// it, the answer.
+    attempt: Option<Receiver<Result<(C, Option<Hello>), Error>>>,
     /// A message could not be sent, or a request had no answer; the next event reports it.
     failure: Option<Error>,
     /// The status at the start of this session.
@@ -123,15 +129,23 @@ pub enum Event {
     Lost(Error),
 }
 
-impl<C: Carrier + 'static> Link<C> {
+impl<C: Carrier + Send + 'static> Link<C> {
     /// Opens a carrier and a session over it. The live stream starts with [`Link::start`] or the first [`Link::next_event`].
     ///
     /// # Errors
     /// Those of `open` and of [`Client::connect`].
-    pub fn connect(mut open: Open<C>, policy: ReconnectPolicy) -> Result<Self, Error> {
+    pub fn connect(open: Open<C>, policy: ReconnectPolicy) -> Result<Self, Error> {
         let client = Client::connect(open()?, policy.answer)?;
-        let state = State::Open(SessionStart::Connected);
-        Ok(Self { client, open, policy, state, failure: None, status: None, meanwhile: Meanwhile::Frames })
+        Ok(Self {
+            client,
+            open,
+            policy,
+            state: State::Open(SessionStart::Connected),
+            attempt: None,
+            failure: None,
+            status: None,
+            meanwhile: Meanwhile::Frames,
+        })
     }
 
     /// The session.
@@ -155,8 +169,8 @@ impl<C: Carrier + 'static> Link<C> {
         Ok(())
     }
 
-    /// The next message or change of the session. After the link was lost, each call waits and makes one attempt to open it
-    /// again.
+    /// The next message or change of the session. After the link was lost, another thread makes attempts to open it again. An
+    /// attempt can take 40 s; a call waits for it for at most [`READ_TIMEOUT`], so that the caller can react to its user.
     ///
     /// # Errors
     /// The error of the last attempt, once the policy gives up, or if it was no failure of the link: another attempt would fail
@@ -212,23 +226,42 @@ impl<C: Carrier + 'static> Link<C> {
                 Err(error) => self.lose(error, is_superseded, lost_since)?,
             }),
             State::Lost { since, is_superseded } => {
-                sleep(self.policy.retry);
-                let (result, next) = if is_superseded {
-                    let result = self.client.reopen(&mut self.open);
-                    let last_message = Instant::now();
-                    (result, State::Streaming { last_message, is_superseded, lost_since: Some(since) })
-                } else {
-                    let result = self.client.reconnect_over(&mut self.open, self.policy.answer).map(drop);
-                    (result, State::Open(SessionStart::Reconnected))
-                };
-                match result {
-                    Ok(()) => self.state = next,
-                    Err(error) if !error.is_link_failure() || self.gives_up(since) => return Err(error),
-                    Err(_) => {}
+                let attempt = self.attempt.take().unwrap_or_else(|| self.begin_attempt(is_superseded));
+                match attempt.recv_timeout(READ_TIMEOUT) {
+                    Err(RecvTimeoutError::Timeout) => self.attempt = Some(attempt),
+                    Ok(Ok((carrier, hello))) => {
+                        self.state = match hello {
+                            Some(_) => State::Open(SessionStart::Reconnected),
+                            None => {
+                                let last_message = Instant::now();
+                                State::Streaming { last_message, is_superseded, lost_since: Some(since) }
+                            }
+                        };
+                        self.client.continue_over(carrier, hello);
+                    }
+                    Ok(Err(error)) if !error.is_link_failure() || self.gives_up(since) => return Err(error),
+                    // The next call begins another attempt. A disconnected channel means that the thread has panicked.
+                    Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => {}
                 }
                 Ok(Event::Timeout)
             }
         }
+    }
+
+    /// Waits and makes one attempt to open the link again, on another thread.
+    fn begin_attempt(&self, is_superseded: bool) -> Receiver<Result<(C, Option<Hello>), Error>> {
+        let (open, policy) = (self.open.clone(), self.policy);
+        let (sender, attempt) = mpsc::channel();
+        thread::spawn(move || {
+            sleep(policy.retry);
+            let result = open().and_then(|mut carrier| {
+                let hello = if is_superseded { None } else { Some(open_session(&mut carrier, policy.answer)?) };
+                Ok((carrier, hello))
+            });
+            // This fails if the link was dropped meanwhile. The carrier is then dropped, too, which closes it.
+            let _ = sender.send(result);
+        });
+        attempt
     }
 
     /// What the insole has done from the start of the previous session to that of this one.
@@ -271,6 +304,8 @@ impl<C: Carrier + 'static> Link<C> {
     fn lose(&mut self, error: Error, is_superseded: bool, lost_since: Option<Instant>) -> Result<Event, Error> {
         let since = lost_since.unwrap_or_else(Instant::now);
         self.state = State::Lost { since, is_superseded };
+        // A serial port has one user, and closing a Bluetooth link later would close the new one, too.
+        self.client.close();
         if lost_since.is_some() && self.gives_up(since) { Err(error) } else { Ok(Event::Lost(error)) }
     }
 
@@ -286,7 +321,7 @@ impl<C: Carrier + 'static> Link<C> {
     pub fn restart(&mut self) -> Result<&Hello, Error> {
         let before = self.client.status()?;
         if self.client.restart_after(&before, self.policy.answer).is_err() {
-            self.client.reconnect_over(&mut self.open, self.policy.answer)?;
+            self.client.reconnect_over(&*self.open, self.policy.answer)?;
             // The request to restart may have been lost or refused, and then the insole answers as before.
             if !self.client.status()?.is_after_restart(&before) {
                 return Err(Error::NotRestarted);
@@ -308,7 +343,7 @@ impl<C: Carrier + 'static> Link<C> {
             let mut answer = self.client.reconnect(self.policy.probe).map(drop);
             if answer.is_err() {
                 was_silent = true;
-                answer = self.client.reconnect_over(&mut self.open, self.policy.answer).map(drop);
+                answer = self.client.reconnect_over(&*self.open, self.policy.answer).map(drop);
             }
             if answer.is_ok()
                 && let Some(value) = check(self.client.hello(), was_silent)

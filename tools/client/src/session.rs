@@ -104,13 +104,8 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// As [`Client::connect`].
     pub fn reconnect(&mut self, patience: Duration) -> Result<&Hello, Error> {
-        self.hello = open_session(carrier(&mut self.carrier)?, patience)?;
-        self.waiting.clear();
-        self.clock_mapping = ClockMapping::new();
-        self.live.new_session();
-        (self.is_streaming, self.ellipses_every, self.cells, self.cells_requested_us) = (false, 0, None, None);
-        (self.acknowledged, self.read_us, self.paused_until_us) = (None, C::now_us(), None);
-        self.order.begin();
+        let hello = open_session(carrier(&mut self.carrier)?, patience)?;
+        self.begin(hello);
         Ok(&self.hello)
     }
 
@@ -123,23 +118,39 @@ impl<C: Carrier> Client<C> {
         open: impl FnOnce() -> Result<C, Error>,
         patience: Duration,
     ) -> Result<&Hello, Error> {
-        self.reopen(open)?;
+        // The old carrier is closed first: a serial port has one user, and closing a Bluetooth link later would close the new one
+        // too.
+        self.close();
+        self.carrier = Some(open()?);
         self.reconnect(patience)
     }
 
-    /// Opens another carrier after one failed, without a connect request.
-    ///
-    /// # Errors
-    /// Those of `open`.
-    pub(crate) fn reopen(&mut self, open: impl FnOnce() -> Result<C, Error>) -> Result<(), Error> {
+    /// Closes the carrier. Until another one follows, messages cannot be sent or received.
+    pub(crate) fn close(&mut self) {
         self.damaged_before = self.damaged();
-        // The old carrier is closed first: a serial port has one user, and closing a Bluetooth link later would close the new one
-        // too.
         self.carrier = None;
-        self.carrier = Some(open()?);
         self.waiting.clear();
         self.acknowledged = None;
-        Ok(())
+    }
+
+    /// Continues over another carrier after [`Client::close`]. `hello` is the answer to a connect request that was sent over this
+    /// carrier, if one was sent.
+    pub(crate) fn continue_over(&mut self, carrier: C, hello: Option<Hello>) {
+        self.carrier = Some(carrier);
+        if let Some(hello) = hello {
+            self.begin(hello);
+        }
+    }
+
+    /// Begins a session, which the insole has answered with this hello.
+    fn begin(&mut self, hello: Hello) {
+        self.hello = hello;
+        self.waiting.clear();
+        self.clock_mapping = ClockMapping::new();
+        self.live.new_session();
+        (self.is_streaming, self.ellipses_every, self.cells, self.cells_requested_us) = (false, 0, None, None);
+        (self.acknowledged, self.read_us, self.paused_until_us) = (None, C::now_us(), None);
+        self.order.begin();
     }
 
     /// The insole's hello.
@@ -439,7 +450,7 @@ fn carrier<C>(carrier: &mut Option<C>) -> io::Result<&mut C> {
 }
 
 /// Sends connect requests until the insole answers with its hello.
-fn open_session<C: Carrier>(carrier: &mut C, patience: Duration) -> Result<Hello, Error> {
+pub(crate) fn open_session<C: Carrier>(carrier: &mut C, patience: Duration) -> Result<Hello, Error> {
     request_hello(carrier, patience).map_err(|error| match error {
         Error::Carrier(error) if is_closed(&error) => Error::Closed(error),
         error => error,

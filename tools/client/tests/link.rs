@@ -27,7 +27,11 @@ const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every:
 
 /// An insole in memory, with the firmware's own session. It also serves as the carrier of the client.
 #[derive(Clone)]
-struct Insole(Arc<Mutex<State>>);
+struct Insole {
+    state: Arc<Mutex<State>>,
+    /// While a test holds this lock, the carrier cannot be opened, and each attempt waits.
+    opening: Arc<Mutex<()>>,
+}
 
 struct State {
     session: Session,
@@ -66,21 +70,22 @@ impl Insole {
             boot: 1,
             is_broken: false,
         };
-        Self(Arc::new(Mutex::new(state)))
+        Self { state: Arc::new(Mutex::new(state)), opening: Arc::default() }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().expect("no test panics here")
+        self.state.lock().expect("no test panics here")
     }
 
     fn connect(&self) -> Result<Link<Self>, Error> {
         let insole = self.clone();
         let open = move || {
+            let _opening = insole.opening.lock().expect("no test panics here");
             let mut state = insole.state();
             state.opened += 1;
             if state.is_unplugged { Err(Error::Open("unplugged".into())) } else { Ok(insole.clone()) }
         };
-        Link::connect(Box::new(open), POLICY)
+        Link::connect(Arc::new(open), POLICY)
     }
 }
 
@@ -174,6 +179,23 @@ fn a_lost_carrier_is_reported_once_and_opened_again() {
     insole.state().is_unplugged = false;
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
     expect_live(&insole, &mut link);
+}
+
+/// A scan for a Bluetooth insole that is out of range takes seconds.
+#[test]
+fn the_caller_can_react_to_its_user_while_an_attempt_to_open_the_carrier_takes_long() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("the insole streams");
+    let opening = insole.opening.lock().expect("no test panics here");
+    insole.state().is_broken = true;
+    assert!(matches!(link.next_event(), Ok(Event::Lost(_))));
+    assert!((0..3).all(|_| matches!(link.next_event(), Ok(Event::Timeout))));
+    insole.state().is_broken = false;
+    drop(opening);
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
+    // These calls made one attempt, which waited.
+    assert_eq!(insole.state().opened, 2);
 }
 
 #[test]
@@ -368,7 +390,7 @@ fn an_insole_that_returns_with_another_protocol_is_reported() {
     assert!(matches!(link.next_event(), Ok(Event::Lost(_))));
     insole.state().is_unplugged = false;
     insole.state().major = MAJOR + 1;
-    let event = link.next_event();
+    let event = next(&insole, &mut link);
     assert!(matches!(event, Err(Error::OtherVersion { .. })), "{event:?}");
 }
 

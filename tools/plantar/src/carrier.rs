@@ -4,12 +4,13 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
 #[cfg(feature = "ble")]
 use client::ble::{BleCarrier, Selector};
-use client::{Carrier, Client, Error, Framed, Link, READ_TIMEOUT, ReconnectPolicy};
+use client::{Carrier, Client, Error, Framed, Link, READ_TIMEOUT, ReadAhead, ReconnectPolicy};
 use serialport::{ErrorKind, SerialPort};
 use std::fmt;
 use std::io;
 use std::net::{TcpStream, ToSocketAddrs};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Options that select the connection to one insole.
 #[derive(Args, Clone)]
@@ -83,7 +84,7 @@ impl Connection {
     pub fn open(&self, policy: ReconnectPolicy) -> Result<InsoleLink> {
         let connection = self.clone();
         let open = move || connection.carrier().map_err(open_error);
-        Link::connect(Box::new(open), policy).map_err(|error| match error {
+        Link::connect(Arc::new(open), policy).map_err(|error| match error {
             // An error of `carrier` already names the connection, unless this computer's Bluetooth cannot be used.
             Error::Open(error) => anyhow!(error),
             error => anyhow::Error::new(error).context(self.to_string()),
@@ -92,8 +93,8 @@ impl Connection {
 
     fn carrier(&self) -> Result<Box<dyn Carrier + Send>> {
         Ok(match self {
-            Self { tcp: Some(address), .. } => Box::new(Framed::new(open_tcp(address)?)),
-            Self { serial: Some(port), baud, .. } => Box::new(Framed::new(open_serial(port, *baud)?)),
+            Self { tcp: Some(address), .. } => Box::new(open_tcp(address)?),
+            Self { serial: Some(port), baud, .. } => Box::new(open_serial(port, *baud)?),
             #[cfg(feature = "ble")]
             Self { ble: Some(selector), .. } => Box::new(BleCarrier::connect(selector)?),
             _ => bail!("give --tcp, --serial or --ble"),
@@ -119,7 +120,7 @@ pub fn open_error(error: anyhow::Error) -> Error {
 }
 
 /// Connects to an insole on the network, or to a bridge that forwards the bytes of an insole.
-pub fn open_tcp(address: &str) -> Result<TcpStream> {
+pub fn open_tcp(address: &str) -> Result<Framed<TcpStream>> {
     let stream = connect_tcp(address).with_context(|| {
         format!(
             "cannot connect to {address}: is the insole or its bridge running there, or is another program connected to it?"
@@ -127,7 +128,7 @@ pub fn open_tcp(address: &str) -> Result<TcpStream> {
     })?;
     stream.set_read_timeout(Some(READ_TIMEOUT))?;
     stream.set_nodelay(true)?;
-    Ok(stream)
+    Ok(Framed::new(stream))
 }
 
 /// Tries all addresses of a host, each for a limited time: a bridge that serves one client may not answer another one.
@@ -143,8 +144,8 @@ fn connect_tcp(address: &str) -> io::Result<TcpStream> {
 }
 
 /// Opens the serial port of an insole for exclusive use.
-pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn SerialPort>> {
-    serialport::new(port, baud).timeout(READ_TIMEOUT).open().map_err(|error| {
+pub fn open_serial(port: &str, baud: u32) -> Result<Framed<ReadAhead<Box<dyn SerialPort>>>> {
+    let stream = serialport::new(port, baud).timeout(READ_TIMEOUT).open().map_err(|error| {
         let remedy = match error.kind() {
             // The port exists, so another program uses it exclusively.
             ErrorKind::NoDevice if Path::new(port).exists() => {
@@ -160,7 +161,8 @@ pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn SerialPort>> {
             _ => format!("check that it is a serial port and supports {baud} bit/s"),
         };
         anyhow!("cannot open {port}: {error}; {remedy}")
-    })
+    })?;
+    Ok(Framed::new(ReadAhead::new(stream.try_clone()?, stream)))
 }
 
 /// The names of this computer's serial ports; `None` if there is none, or if they cannot be listed.

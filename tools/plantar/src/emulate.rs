@@ -104,11 +104,6 @@ impl EmulatedInsole {
         accepted.with_context(|| format!("{} cannot be played into an insole", path.display()))?;
         Ok(Self { recording, insole })
     }
-
-    /// The duration of all frames that are played.
-    pub fn duration(&self) -> Duration {
-        Duration::from_micros(self.insole.frames(&self.recording) as u64 * u64::from(self.insole.setup.period_us))
-    }
 }
 
 /// The steps, load bouts and alerts of a walk, and the insole's counters after the walk.

@@ -81,10 +81,10 @@ impl Serve {
         let mut sources = Vec::new();
         for port in self.ports.serial.clone() {
             let baud = self.ports.baud;
-            sources.push(source(port.clone(), move || Ok(Box::new(Framed::new(open_serial(&port, baud)?)))));
+            sources.push(source(port.clone(), move || Ok(Box::new(open_serial(&port, baud)?))));
         }
         for address in self.ports.tcp.clone() {
-            sources.push(source(address.clone(), move || Ok(Box::new(Framed::new(open_tcp(&address)?)))));
+            sources.push(source(address.clone(), move || Ok(Box::new(open_tcp(&address)?))));
         }
         // An emulated board runs until it is dropped, so the boards are held until the program ends.
         let mut boards = Vec::new();
@@ -95,7 +95,7 @@ impl Serve {
         }
         // Each repetition of the recordings of both feet has a common start, because they are of one walk.
         let start = Arc::new(OnceLock::new());
-        let repeated_after = emulated.iter().map(|(_, insole, _)| insole.duration()).max().unwrap_or_default();
+        let repeated_after = emulated.iter().map(|(_, insole, _)| duration(insole)).max().unwrap_or_default();
         for (path, EmulatedInsole { recording, insole }, parameters) in emulated {
             let config = EmulatorConfig::new(insole.setup);
             let cells = insole.cells.clone();
@@ -129,6 +129,11 @@ impl Serve {
     }
 }
 
+/// The duration of all frames that the insole plays.
+fn duration(EmulatedInsole { recording, insole }: &EmulatedInsole) -> Duration {
+    Duration::from_micros(insole.frames(recording) as u64 * u64::from(insole.setup.period_us))
+}
+
 /// Where a browser finds the page.
 fn place_of_page(address: SocketAddr) -> String {
     if address.ip().is_unspecified() {
@@ -141,6 +146,6 @@ fn place_of_page(address: SocketAddr) -> String {
 }
 
 /// An insole for the page. `open` opens a carrier to it.
-fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn Carrier + Send>> + Send + 'static) -> Source {
-    Source { name, open: Box::new(move || open().map_err(open_error)), tissue: None }
+fn source(name: String, open: impl Fn() -> Result<Box<dyn Carrier + Send>> + Send + Sync + 'static) -> Source {
+    Source { name, open: Arc::new(move || open().map_err(open_error)), tissue: None }
 }

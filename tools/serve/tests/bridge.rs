@@ -70,7 +70,7 @@ impl Cable {
 
     fn source(&self) -> Source {
         let cable = self.clone();
-        Source { name: "memory".into(), open: Box::new(move || cable.open()), tissue: None }
+        Source { name: "memory".into(), open: Arc::new(move || cable.open()), tissue: None }
     }
 
     fn open(&self) -> Result<Box<dyn Carrier + Send>, Error> {
@@ -236,7 +236,7 @@ fn a_panic_in_the_session_with_an_insole_ends_the_server() {
     let panics = Arc::new(AtomicBool::new(false));
     let (cable, is_faulty) = (left.clone(), panics.clone());
     let open = move || Ok(Box::new(Framed::new(Faulty(cable.clone(), is_faulty.clone()))) as Box<dyn Carrier + Send>);
-    let faulty = Source { name: "left cable".into(), open: Box::new(open), tissue: None };
+    let faulty = Source { name: "left cable".into(), open: Arc::new(open), tissue: None };
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("index.html"), "the page").expect("a page");
     let listen = (Ipv4Addr::LOCALHOST, 0).into();
