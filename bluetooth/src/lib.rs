@@ -12,7 +12,7 @@ mod gate;
 mod table;
 
 use bonds::Keys;
-use bt_hci::cmd::le::LeRand;
+use bt_hci::cmd::le::{LeRand, LeSetDataLength};
 use bt_hci_serial::SerialTransport;
 use embassy_futures::select::{Either, select, select3};
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
@@ -285,7 +285,8 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             | GattConnectionEvent::Encrypted { bond: Some(bond), .. } => {
                 bonds::remember(stack, bond, insole);
                 // The central or the radio may refuse both: the link then remains as the central has set it up.
-                let _ = connection.raw().update_data_length(stack, PACKET.0, PACKET.1).await;
+                let (len, time_us) = PACKET;
+                let _ = stack.command(LeSetDataLength::new(connection.raw().handle(), len, time_us)).await;
                 let _ = connection.raw().update_connection_params(stack, &LINK).await;
                 continue;
             }

@@ -12,14 +12,13 @@ use bt_hci::cmd::controller_baseband::{HostBufferSize, Reset, SetEventMask, SetE
 use bt_hci::cmd::info::ReadBdAddr;
 use bt_hci::cmd::le::{
     LeAddDeviceToFilterAcceptList, LeAddDeviceToResolvingList, LeClearFilterAcceptList, LeClearResolvingList,
-    LeLongTermKeyRequestReply, LeRand, LeReadBufferSize, LeReadFilterAcceptListSize, LeReadLocalSupportedFeatures,
-    LeReadPhy, LeRemoveDeviceFromResolvingList, LeSetAddrResolutionEnable, LeSetAdvData, LeSetAdvEnable,
-    LeSetAdvParams, LeSetDataLength, LeSetEventMask, LeSetPhy, LeSetPrivacyMode, LeSetRandomAddr,
-    LeSetResolvablePrivateAddrTimeout, LeSetScanResponseData,
+    LeLongTermKeyRequestReply, LeRand, LeReadBufferSize, LeReadFilterAcceptListSize, LeRemoveDeviceFromResolvingList,
+    LeSetAddrResolutionEnable, LeSetAdvData, LeSetAdvEnable, LeSetAdvParams, LeSetDataLength, LeSetEventMask,
+    LeSetPrivacyMode, LeSetRandomAddr, LeSetResolvablePrivateAddrTimeout, LeSetScanResponseData,
 };
 use bt_hci::cmd::link_control::Disconnect;
-use bt_hci::cmd::{self, AsyncCmd, Cmd, Opcode, SyncCmd};
-use bt_hci::controller::{ControllerCmdAsync, ControllerCmdSync};
+use bt_hci::cmd::{self, Cmd, Opcode, SyncCmd};
+use bt_hci::controller::ControllerCmdSync;
 use bt_hci::param::{Error as HciError, Status};
 use bt_hci::{AsHciBytes, FixedSizeValue, FromHciBytes};
 use core::future::pending;
@@ -314,27 +313,13 @@ where
     reply.set_complete(status_of(&result), result.as_ref().map_or(&[], |value| value.as_hci_bytes()));
 }
 
-/// Begins a command of which another event reports the completion (`AsyncCmd`).
-async fn begin_command<'r, C>(radio: &SoftdeviceController<'r>, parameters: &[u8], reply: &mut Reply)
-where
-    C: AsyncCmd + From<C::Params>,
-    C::Params: for<'p> FromHciBytes<'p>,
-    SoftdeviceController<'r>: ControllerCmdAsync<C>,
-{
-    let result = match command::<C, _>(parameters) {
-        Ok(command) => AsyncCmd::exec(&command, radio).await,
-        Err(error) => Err(error),
-    };
-    reply.set_status(status_of(&result));
-}
-
 /// Executes a command of the host.
 async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mut Reply) {
-    /// Calls [`run_command`] or [`begin_command`] with the command that has this opcode as the type parameter.
+    /// Calls [`run_command`] with the command that has this opcode as the type parameter.
     macro_rules! dispatch {
-        ($opcode:expr; $($function:ident: $($command:ident)*;)*) => {
+        ($opcode:expr; $($command:ident)*) => {
             match $opcode {
-                $($(<$command as Cmd>::OPCODE => $function::<$command>(radio, parameters, reply).await,)*)*
+                $(<$command as Cmd>::OPCODE => run_command::<$command>(radio, parameters, reply).await,)*
                 opcode => defmt::warn!("radio: the host sent the unknown command {=u16:x}", opcode.to_raw()),
             }
         };
@@ -343,13 +328,11 @@ async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mu
     let Ok(opcode) = Opcode::from_hci_bytes_complete(&reply.opcode) else { return };
     // These are the commands of the Bluetooth host as a peripheral that is connected to one central at a time.
     dispatch! { opcode;
-        run_command: Disconnect HostBufferSize ReadBdAddr Reset SetEventMask SetEventMaskPage2
-            LeAddDeviceToFilterAcceptList LeAddDeviceToResolvingList LeClearFilterAcceptList LeClearResolvingList
-            LeLongTermKeyRequestReply LeRand LeReadBufferSize LeReadFilterAcceptListSize LeReadLocalSupportedFeatures
-            LeReadPhy LeRemoveDeviceFromResolvingList LeSetAddrResolutionEnable LeSetAdvData LeSetAdvEnable
-            LeSetAdvParams LeSetDataLength LeSetEventMask LeSetPrivacyMode LeSetRandomAddr
-            LeSetResolvablePrivateAddrTimeout LeSetScanResponseData;
-        begin_command: LeSetPhy;
+        Disconnect HostBufferSize ReadBdAddr Reset SetEventMask SetEventMaskPage2
+        LeAddDeviceToFilterAcceptList LeAddDeviceToResolvingList LeClearFilterAcceptList LeClearResolvingList
+        LeLongTermKeyRequestReply LeRand LeReadBufferSize LeReadFilterAcceptListSize LeRemoveDeviceFromResolvingList
+        LeSetAddrResolutionEnable LeSetAdvData LeSetAdvEnable LeSetAdvParams LeSetDataLength LeSetEventMask
+        LeSetPrivacyMode LeSetRandomAddr LeSetResolvablePrivateAddrTimeout LeSetScanResponseData
     }
 }
 
