@@ -4,8 +4,8 @@
 //! This program does not write the seeds of `jiku` and the seed `footscan-xls` of `vendor`, because nothing in this project
 //! writes HDF5 files or Excel files. Those seeds were written from computed trials with h5py, and from the computed step below
 //! with xlwt, except `overflow` of `jiku`: this file is damaged, so that a product overflows while it is read. Nor does the
-//! program write the seed `claimed-list.parquet` of `recording`: that file claims to contain a far longer list than it does
-//! (docs/reliability.md).
+//! program write two damaged Parquet files: the seed `claimed-list.parquet` of `recording` claims to contain a far longer list
+//! than it does (docs/reliability.md), and in the seed `negative-start` of `table`, a column begins before the file.
 
 use client::append;
 use emulation::EmulatorConfig;
@@ -36,6 +36,7 @@ use std::fmt::Debug;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use study::table::{Row, Value, to_parquet};
 
 /// A stream with the cells of every frame.
 const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every: 1 };
@@ -215,6 +216,7 @@ fn main() {
     };
     short.write(file.path()).expect("the recording is written");
     seed("recording", "walk", &fs::read(file.path()).expect("the recording can be read"));
+    seed("table", "rows", &table());
 }
 
 /// Writes one seed of a target.
@@ -229,6 +231,21 @@ fn seed(target: &str, name: &str, bytes: &[u8]) {
     assert!(is_first, "{target} has two seeds with the name {name}");
     fs::create_dir_all(&folder).expect("the folder can be created");
     fs::write(path, bytes).expect("the seed is written");
+}
+
+/// A table with a column of each type, in two row groups.
+fn table() -> Vec<u8> {
+    let row = |side: &str, number: i32, start_s: Option<f64>| -> Row {
+        let is_exact = start_s.is_some();
+        vec![
+            ("side", side.into()),
+            ("number", number.into()),
+            ("start_s", Value::Real(start_s)),
+            ("is_exact", is_exact.into()),
+        ]
+    };
+    let groups = [vec![row("left", 0, Some(0.5)), row("left", 1, None)], vec![row("right", 2, Some(1.5))]];
+    to_parquet(Vec::new(), None, &groups[0][0], &groups).expect("the table is written")
 }
 
 /// The name of the seed with a message: `direction` and the name of the message, such as `to-host-daily-load`. That of a refusal

@@ -18,6 +18,7 @@ pub mod phone;
 pub mod recording;
 pub mod set_up;
 pub mod stream;
+pub mod table;
 pub mod vendor;
 pub mod wire;
 

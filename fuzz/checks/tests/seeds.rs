@@ -95,6 +95,7 @@ targets! {
     recording: 1_000,
     set_up: 1_000,
     stream: 1_000,
+    table: 1_000,
     vendor: 1_000,
     wire: 10_000,
 }

@@ -1,14 +1,13 @@
 //! A participant's file in the table of a cohort: Parquet with one row per step and region.
 
-use anyhow::{Context, Result, bail};
+use anyhow::Result;
 use fit::trials::{Trial, Values, means};
 use fit::variable::Variable;
-use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use plantar::{Region, Side};
+use recording::Rows;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
-use std::fs::File;
 use std::path::Path;
 use study::fits::DEFECT_SEPARATOR;
 
@@ -16,19 +15,18 @@ use study::fits::DEFECT_SEPARATOR;
 /// present inputs to determine whether the file is up to date.
 pub const MADE_FROM_KEY: &str = "plantar.made_from";
 
-/// Reads a file: the description of its inputs, and its rows.
+/// Largest number of rows of a file: sixty thousand steps of eight regions, which occupy 6 GiB. Without this limit, a small file
+/// could exhaust the memory, because equal values are compressed.
+const MAX_ROWS: usize = 1 << 19;
+
+/// Reads a file: the description of its inputs, and its rows, of which only the columns that this module uses are read.
 pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
-    let read = || {
-        let file = SerializedFileReader::new(File::open(path)?)?;
-        let mut entries = file.metadata().file_metadata().key_value_metadata().into_iter().flatten();
-        let made_from = entries.find(|entry| entry.key == MADE_FROM_KEY).and_then(|entry| entry.value.clone());
-        let rows = file.get_row_iter(None)?.map(|row| Ok(row?.into_columns().into_iter().collect()));
-        Ok((made_from.unwrap_or_default(), rows.collect::<Result<_>>()?))
+    let is_needed = |name: &str| {
+        ["recording", "side", "region", "defects"].contains(&name) || Variable::all().any(|of| of.name() == name)
     };
-    // The Parquet library panics when it reads some damaged files.
-    std::panic::catch_unwind(read)
-        .unwrap_or_else(|_| bail!("the file is damaged"))
-        .with_context(|| format!("cannot read {}: delete it and run the command again", path.display()))
+    let rows = Rows::open(path, is_needed, MAX_ROWS, "delete it and run the command again")?;
+    let made_from = rows.metadata(MADE_FROM_KEY).unwrap_or_default().to_owned();
+    Ok((made_from, rows.collect::<recording::Result<_>>()?))
 }
 
 /// The different defects in the rows, each with the names of its recording and region.

@@ -2,15 +2,15 @@
 //! region.
 
 use super::LiveSource;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use fit::live::LiveSteps;
-use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Live, Step, StepFoot, StepRegion};
 use plantar::{Region, Side};
+use recording::Rows;
 use std::collections::{BTreeMap, HashMap};
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The column with the name of the region, in all tables.
@@ -32,6 +32,14 @@ const STEP_COLUMNS: [&str; 11] = [
 /// The column that states whether the start of the step is exact enough to compare the feet. Tables of earlier versions of this
 /// program do not have it, so it is read only from the tables that have it.
 const IS_COMPARABLE: &str = "is_start_comparable";
+
+/// Largest number of rows of the table of live frames: those of five hours at 100 Hz. Without these two limits, small files could
+/// exhaust the memory, because equal values are compressed; within them, the rows of a table occupy at most 8 GiB.
+const MAX_FRAME_ROWS: usize = 1 << 24;
+/// Largest number of rows of each other table: those of a quarter of a million records.
+const MAX_RECORD_ROWS: usize = 1 << 21;
+/// The remedy for a file that cannot be used.
+const REMEDY: &str = "remove the file to use the others";
 
 /// Reads the live frames and the steps in the folder; `None` if it has neither table. Fails if only one of the two is missing, or
 /// if there are no steps in sessions with live frames.
@@ -84,7 +92,7 @@ fn collect(collected: &mut LiveSteps, frames: &[Live], records: &[Step]) {
 fn frames(folder: &Path) -> Result<BTreeMap<i32, Vec<Live>>> {
     let columns = ["session", "sequence", "t_s", REGION, "area_mm2", "measured_force_n"];
     let mut sessions: BTreeMap<i32, Vec<Live>> = BTreeMap::new();
-    for_each_row(folder, &columns, |row| {
+    for_each_row(folder, &columns, MAX_FRAME_ROWS, |row| {
         let frames = sessions.entry(row.integer("session")?).or_default();
         let sequence = row.integer("sequence")? as u32;
         // In a folder from an earlier version of this program, two successive frames have the same number if the insole began to
@@ -111,7 +119,7 @@ fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
     ];
     let columns = columns.concat();
     let mut sessions: BTreeMap<i32, Vec<Step>> = BTreeMap::new();
-    for_each_row(folder, &columns, |row| {
+    for_each_row(folder, &columns, MAX_RECORD_ROWS, |row| {
         let steps = sessions.entry(row.integer("session")?).or_default();
         let (number, region) = (row.integer("step")? as u32, row.region()?);
         if region == 0 || steps.last().is_none_or(|step| step.step != number) {
@@ -132,7 +140,7 @@ fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
 pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>, bool)>> {
     let columns = [&STEP_COLUMNS[..], &["start_unix_s", "foot_force_peak_n", "foot_force_integral_n_s"]].concat();
     let mut steps = Vec::new();
-    for_each_row(&folder.join("steps"), &columns, |row| {
+    for_each_row(&folder.join("steps"), &columns, MAX_RECORD_ROWS, |row| {
         if row.region()? == 0 {
             let mut step = step_of(row, row.integer("step")? as u32)?;
             step.foot.peak_dn = (row.real("foot_force_peak_n")? * 10.0).round() as u16;
@@ -149,7 +157,7 @@ pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>, bool)>> {
 pub fn other_records(folder: &Path) -> Result<Vec<(Side, u32)>> {
     let mut records = Vec::new();
     for folder in ["bouts", "alerts"].map(|table| folder.join(table)).iter().filter(|folder| folder.is_dir()) {
-        for_each_row(folder, &["side", REGION, "number"], |row| {
+        for_each_row(folder, &["side", REGION, "number"], MAX_RECORD_ROWS, |row| {
             if row.region()? == 0 {
                 records.push((row.side()?, row.integer("number")? as u32));
             }
@@ -200,12 +208,26 @@ fn region_of(row: &Row) -> Result<StepRegion> {
     })
 }
 
-/// Calls `act` with the rows of all Parquet files in the folder, in the order of the names of the files.
-fn for_each_row(folder: &Path, columns: &[&'static str], mut act: impl FnMut(&Row) -> Result<()>) -> Result<()> {
+/// Calls `act` with the rows of all Parquet files in the folder, in the order of the names of the files. Fails if they have more
+/// than `max_rows` rows together.
+fn for_each_row(
+    folder: &Path,
+    columns: &[&'static str],
+    max_rows: usize,
+    mut act: impl FnMut(&Row) -> Result<()>,
+) -> Result<()> {
+    let mut rows_left = max_rows;
     for file in files(folder).with_context(|| format!("cannot read {}", folder.display()))? {
-        read_file(&file, columns, &mut act).with_context(|| {
-            format!("{}: not a complete table of plantar record; remove the file to use the others", file.display())
-        })?;
+        let is_needed = |name: &str| columns.contains(&name) || name == IS_COMPARABLE;
+        let rows = Rows::open(&file, is_needed, rows_left, REMEDY)?;
+        rows_left -= rows.row_count();
+        let not_a_table = || format!("{}: not a table of plantar record; {REMEDY}", file.display());
+        for column in columns {
+            ensure!(rows.has_column(column), "{}: it has no column {column}", not_a_table());
+        }
+        for row in rows {
+            act(&Row(row?)).with_context(not_a_table)?;
+        }
     }
     Ok(())
 }
@@ -221,21 +243,6 @@ fn files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     }
     files.sort();
     Ok(files)
-}
-
-fn read_file(path: &Path, columns: &[&'static str], act: &mut impl FnMut(&Row) -> Result<()>) -> Result<()> {
-    let reader = SerializedFileReader::new(File::open(path)?)?;
-    let schema = reader.metadata().file_metadata().schema();
-    let is_needed = |name: &str| columns.contains(&name) || name == IS_COMPARABLE;
-    let fields: Vec<_> = schema.get_fields().iter().filter(|field| is_needed(field.name())).cloned().collect();
-    if let Some(missing) = columns.iter().find(|column| fields.iter().all(|field| field.name() != **column)) {
-        bail!("it has no column {missing}");
-    }
-    let projection = parquet::schema::types::Type::group_type_builder(schema.name()).with_fields(fields).build()?;
-    for row in reader.get_row_iter(Some(projection))? {
-        act(&Row(row?.into_columns().into_iter().collect()))?;
-    }
-    Ok(())
 }
 
 /// A row of a table: the values by the names of their columns.
@@ -288,7 +295,7 @@ impl Row {
 
 #[cfg(test)]
 mod tests {
-    use super::{REGION, STEP_COLUMNS, frames, timed_steps};
+    use super::{REGION, REMEDY, STEP_COLUMNS, for_each_row, frames, timed_steps};
     use study::table::{self, Row};
 
     #[test]
@@ -331,5 +338,25 @@ mod tests {
         let steps = timed_steps(folder.path()).expect("steps");
         let times: Vec<_> = steps.iter().map(|(_, start_s, is_comparable)| (*start_s, *is_comparable)).collect();
         assert_eq!(times, [(Some(1.0), false)]);
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_used_is_named_with_the_remedy() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("part-00000.parquet");
+        let assert_named = |error: anyhow::Error, problem: &str| {
+            let error = format!("{error:#}");
+            for part in [&file.display().to_string(), problem, REMEDY] {
+                assert!(error.contains(part), "`{part}` not in: {error}");
+            }
+        };
+        // The Parquet library panics when it reads this file.
+        std::fs::write(&file, include_bytes!("../../../../../fuzz/corpus/table/negative-start")).expect("written");
+        assert_named(frames(folder.path()).expect_err("damaged"), "damaged");
+        let row: Row = vec![("number", 0.into())];
+        table::write(&file, None, &[row.clone(), row]).expect("written");
+        let read = |max_rows| for_each_row(folder.path(), &["number"], max_rows, |_| Ok(()));
+        assert_named(read(1).expect_err("more rows than are allowed"), "more than the 1 rows");
+        read(2).expect("as many rows as are allowed");
     }
 }
