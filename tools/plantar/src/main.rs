@@ -181,7 +181,8 @@ fn status(is_complete: anyhow::Result<bool>) -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(PARTIAL),
         Err(error) => {
-            eprintln!("error: {error:#}");
+            // The text may quote a file or the name of one. Control characters would have an effect on the terminal.
+            eprintln!("error: {}", format!("{error:#}").replace(|c: char| c.is_control() && c != '\n', " "));
             ExitCode::FAILURE
         }
     }

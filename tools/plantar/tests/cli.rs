@@ -396,6 +396,12 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     }
 }
 
+#[test]
+fn the_name_of_a_file_in_an_error_does_not_control_a_terminal() {
+    let (_folder, path) = folder();
+    fail(&path, "info a\u{1b}[2J\u{7}.parquet", &["a [2J .parquet", "check the path"]);
+}
+
 /// An option that cannot be used is refused before the person is asked to walk.
 #[test]
 fn a_session_is_refused_before_it_connects_if_its_options_cannot_be_used() {

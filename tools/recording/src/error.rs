@@ -30,7 +30,10 @@ pub enum Error {
 
 impl Error {
     pub(crate) fn content(place: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Error::Content { place: place.into(), problem: problem.into(), remedy: remedy.into() }
+        // The problem may quote the file, which may come from anywhere. Control characters would have an effect on the terminal on
+        // which the message is printed.
+        let problem = problem.into().replace(|c: char| c.is_control() && c != '\n', " ");
+        Error::Content { place: place.into(), problem, remedy: remedy.into() }
     }
 
     /// Returns a conversion that adds the name of `file` to an I/O error.

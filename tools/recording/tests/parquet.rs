@@ -11,7 +11,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use rayon::prelude::*;
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{MAX_CELLS, Recording, RecordingReader, VirtualInsole, output};
+use recording::{MAX_CELLS, Recording, RecordingReader, VirtualInsole, Zero, output};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -125,6 +125,20 @@ fn texts_of_a_file_do_not_control_a_terminal() {
     written.write(&path).unwrap();
     let read = Recording::read(&path).unwrap();
     assert_eq!((read.source.as_str(), read.layout.name.as_str()), ("a [2Jb", "a 2Jb "));
+    // Messages about refused files quote a side, a region, a column and a key.
+    let side = TWO_CELLS.replace("right", r"\u001b[2J");
+    let region = TWO_CELLS.replace("toe_2", r"\u001b[2J");
+    let column = "\u{1b}[2J";
+    for (json, names) in [
+        (side.as_str(), ["t_s", "c0_kpa", "c1_kpa"]),
+        (region.as_str(), ["t_s", "c0_kpa", "c1_kpa"]),
+        (TWO_CELLS, ["t_s", column, "c1_kpa"]),
+    ] {
+        write(&path, Some(json), names, &[0.0], [&[1.0], &[1.0]]);
+        assert_refused(&path, &["` [2J`"]);
+    }
+    let zero = Zero::parse("version = 1\n\"\\u001b[2J\" = 1", Path::new("zero.toml")).unwrap_err().to_string();
+    assert!(zero.contains("` [2J`"), "{zero}");
 }
 
 #[test]
