@@ -9,7 +9,8 @@ const STEP_US: u64 = 200_000;
 
 /// Connects a central that never encrypts its link, again and again, until `for_us` has passed. Each connection ends `early_us`
 /// before the central's time limit. Returns the fraction of the time in which the central occupied the insole, and its longest
-/// connection, us. The insole advertises for half a second between two connections.
+/// connection, us. The central connects half a second after the end of its last connection. The firmware does not enforce this
+/// pause: the fraction holds for such a central, not for one that connects at once.
 fn occupied(admission: &mut Admission, early_us: u64, for_us: u64) -> (f64, u64) {
     let start_us = now_us();
     let (mut occupied_us, mut longest_us) = (0, 0);
@@ -27,13 +28,13 @@ fn occupied(admission: &mut Admission, early_us: u64, for_us: u64) -> (f64, u64)
 }
 
 #[test]
-fn a_central_without_a_bond_cannot_lock_out_a_bonded_one() {
+fn a_central_without_a_bond_is_disconnected_sooner_after_it_occupied_the_insole() {
     let mut admission = Admission::new();
     assert_eq!(admission.time_limit(false, false).as_secs(), 30);
     // A single connection.
     let (_, longest_us) = occupied(&mut admission, 0, 1);
     assert_eq!(longest_us, 30_000_000);
-    // From then on, a central without a bond is disconnected after 2 s, and the insole is free between two such connections.
+    // From then on, a central without a bond is disconnected after 2 s.
     let (fraction, longest_us) = occupied(&mut admission, 0, 3_600_000_000);
     assert!(longest_us <= 2_000_000 + STEP_US && fraction < 0.85, "{longest_us} us, {fraction}");
     // The owner's phone still has the full time, and so has a new phone while bonding is open.
@@ -45,7 +46,7 @@ fn a_central_without_a_bond_cannot_lock_out_a_bonded_one() {
 
 /// The central disconnects shortly before the insole would disconnect it.
 #[test]
-fn a_central_that_disconnects_itself_in_time_cannot_lock_out_a_bonded_one() {
+fn a_central_that_disconnects_itself_in_time_has_a_shorter_limit_from_then_on() {
     let mut admission = Admission::new();
     let (_, longest_us) = occupied(&mut admission, 400_000, 1);
     assert!(longest_us > 29_000_000, "{longest_us} us");

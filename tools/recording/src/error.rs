@@ -30,8 +30,8 @@ pub enum Error {
 
 impl Error {
     pub(crate) fn content(place: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        // The problem may quote the file, which may come from anywhere. Control characters would have an effect on the terminal on
-        // which the message is printed.
+        // The problem may quote a file that comes from anywhere. Control characters would have an effect on the terminal on which
+        // the message is printed.
         let problem = problem.into().replace(|c: char| c.is_control() && c != '\n', " ");
         Error::Content { place: place.into(), problem, remedy: remedy.into() }
     }
