@@ -395,6 +395,13 @@ fn print(gait: &Gait, length: Option<Length>) {
     align(&mut table);
     println!("Mean ± standard deviation, and 95 % confidence interval of the mean:\n{table}");
     println!("The symmetry index is 0 for equal feet and positive if the left value is larger.");
+    let mut of_feet = MEASURES.iter().zip(&gait.symmetry_percent);
+    if of_feet.any(|(measure, index)| measure.key == "peak_force_n" && index.is_some()) {
+        println!(
+            "The symmetry of forces contains the difference of the force scales of the two insoles, which standing on both feet \
+             does not calibrate, and which the interval does not include."
+        );
+    }
     let estimates = [&left.measures, &right.measures, &gait.symmetry_percent];
     if estimates.iter().flat_map(|of| of.iter().flatten()).any(|estimate| estimate.interval.is_none()) {
         println!(

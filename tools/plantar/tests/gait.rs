@@ -95,6 +95,7 @@ fn a_stream_has_the_measures_of_both_feet_on_the_clock_of_the_host() {
     // (300 + 300) N s in 1.1 s, and 545.45 N / 9.80665 m/s2.
     assert!(text.contains("over whole strides: 545 N, the weight of 55.6 kg"), "{text}");
     assert!(text.contains("Walking speed: 1.20 m/s") && text.contains("Double support"), "{text}");
+    assert!(text.contains("difference of the force scales"), "{text}");
 }
 
 /// The limits are those of the page.
@@ -208,6 +209,7 @@ fn a_stream_without_a_common_clock_has_the_measures_of_each_foot() {
     let (gait, text) = measures(folder.path(), "walk.plantar --distance 10");
     assert_eq!(gait["has_both_feet"], false);
     assert!(text.contains("- No value") && text.contains("the feet are not compared"), "{text}");
+    assert!(!text.contains("force scales"), "{text}");
     assert!((mean(&gait, "stance_time_s", "right") - 0.65).abs() < 1e-9);
     assert!(mean(&gait, "step_time_s", "left").is_nan() && gait["speed_m_s"].is_null());
 }
