@@ -118,8 +118,8 @@ export function remarks(insoles: Insoles, pauses: readonly Pause[] = [], facts: 
       ? [
           remark(
             `The insole measures another stiffness of the ${changed.join(" and ")} foot than at the identification. Most often it ` +
-              "has moved, or the shoe is another one. Check that it lies flat in the shoe. If this message remains, choose " +
-              '"Identify my tissue" in the settings.',
+              "has moved, the shoe is another one, or the sensor has become warmer. Check that it lies flat in the shoe. If " +
+              'this message remains, choose "Identify my tissue" in the settings.',
           ),
         ]
       : []),

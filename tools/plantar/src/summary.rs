@@ -139,7 +139,8 @@ fn print_changes(steps: &[Step]) {
     }
     if last.refit != 0 {
         println!(
-            "The tissue or the shoe has changed: check the position of the insole, and identify the wearer again."
+            "The tissue, the shoe or the sensor, as by its temperature, has changed: check the position of the insole, and \
+             identify the wearer again. A similar change in all regions indicates the sensor."
         );
     }
 }
