@@ -24,7 +24,9 @@ pub const COLUMNS: usize = 16;
 /// Number of cells; 16 positions of the matrix at the ends of the foot are outside of the outline.
 pub const CELLS: usize = 240;
 
-/// Identifies the layout: size 42, first version.
+/// Identifies the layout and the sensor law: size 42, first version. An insole accepts a stored calibration by this number and
+/// the number of cells, so the number must change with the positions of the cells and with the sensor law in [`setup`]: the gains
+/// of a calibration belong to the law with which they were determined.
 const LAYOUT_ID: u32 = 4201;
 const LENGTH_MM: f32 = REFERENCE_INSOLE.length_mm() as f32;
 /// Number of lines across the foot.
@@ -106,7 +108,8 @@ pub fn cells() -> impl Iterator<Item = SetupCell> + Clone {
 }
 
 /// The set-up of the reference insole with the default rules. The feedback resistors of its amplifiers are chosen for this full
-/// scale. The exponent is a typical value for a piezoresistive sheet and must be replaced by a measured one.
+/// scale. The exponent is a typical value for a piezoresistive sheet and must be replaced by a measured one. Another law
+/// needs another `LAYOUT_ID`, because the gains of a stored calibration would otherwise remain in force.
 pub fn setup(side: Side) -> Setup {
     Setup {
         side,
