@@ -12,7 +12,7 @@ mod gate;
 mod table;
 
 use bonds::Keys;
-use bt_hci::cmd::le::{LeRand, LeSetDataLength};
+use bt_hci::cmd::le::LeRand;
 use bt_hci_serial::SerialTransport;
 use embassy_futures::select::{Either, select, select3};
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
@@ -63,8 +63,6 @@ const LINK: RequestedConnParams = RequestedConnParams {
     max_event_length: Duration::from_ticks(0),
     supervision_timeout: Duration::from_secs(4),
 };
-/// Longest packet of the radio, bytes, and the time that it takes at 1 Mbit/s, us.
-const PACKET: (u16, u16) = (251, 2_120);
 
 /// The HCI byte stream (H4) between radio and Bluetooth host, in one direction.
 pub type HciPipe = Pipe<CriticalSectionRawMutex, 128>;
@@ -284,9 +282,7 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             GattConnectionEvent::PairingComplete { bond: Some(bond), .. }
             | GattConnectionEvent::Encrypted { bond: Some(bond), .. } => {
                 bonds::remember(stack, bond, insole);
-                // The central or the radio may refuse both: the link then remains as the central has set it up.
-                let (len, time_us) = PACKET;
-                let _ = stack.command(LeSetDataLength::new(connection.raw().handle(), len, time_us)).await;
+                // The central may refuse: the link then remains as the central has set it up.
                 let _ = connection.raw().update_connection_params(stack, &LINK).await;
                 continue;
             }

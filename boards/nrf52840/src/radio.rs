@@ -13,8 +13,8 @@ use bt_hci::cmd::info::ReadBdAddr;
 use bt_hci::cmd::le::{
     LeAddDeviceToFilterAcceptList, LeAddDeviceToResolvingList, LeClearFilterAcceptList, LeClearResolvingList,
     LeLongTermKeyRequestReply, LeRand, LeReadBufferSize, LeReadFilterAcceptListSize, LeRemoveDeviceFromResolvingList,
-    LeSetAddrResolutionEnable, LeSetAdvData, LeSetAdvEnable, LeSetAdvParams, LeSetDataLength, LeSetEventMask,
-    LeSetPrivacyMode, LeSetRandomAddr, LeSetResolvablePrivateAddrTimeout, LeSetScanResponseData,
+    LeSetAddrResolutionEnable, LeSetAdvData, LeSetAdvEnable, LeSetAdvParams, LeSetEventMask, LeSetPrivacyMode,
+    LeSetRandomAddr, LeSetResolvablePrivateAddrTimeout, LeSetScanResponseData,
 };
 use bt_hci::cmd::link_control::Disconnect;
 use bt_hci::cmd::{self, Cmd, Opcode, SyncCmd};
@@ -331,7 +331,7 @@ async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mu
         Disconnect HostBufferSize ReadBdAddr Reset SetEventMask SetEventMaskPage2
         LeAddDeviceToFilterAcceptList LeAddDeviceToResolvingList LeClearFilterAcceptList LeClearResolvingList
         LeLongTermKeyRequestReply LeRand LeReadBufferSize LeReadFilterAcceptListSize LeRemoveDeviceFromResolvingList
-        LeSetAddrResolutionEnable LeSetAdvData LeSetAdvEnable LeSetAdvParams LeSetDataLength LeSetEventMask
+        LeSetAddrResolutionEnable LeSetAdvData LeSetAdvEnable LeSetAdvParams LeSetEventMask
         LeSetPrivacyMode LeSetRandomAddr LeSetResolvablePrivateAddrTimeout LeSetScanResponseData
     }
 }
