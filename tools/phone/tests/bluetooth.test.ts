@@ -82,15 +82,21 @@ test("a link that breaks during the subscription is no refused pairing", async (
   expect(await explanation({ requestDevice: async () => broken.device })).toMatch(/did not answer. Move it closer/);
 });
 
+/** Connects an insole. `log` lists the links of the page: "opened", or the reason why a link was lost. */
+async function connectLogged(device: object) {
+  const log: string[] = [];
+  const logged = { ...events, opened: () => log.push("opened"), closed: (_: unknown, reason: string) => log.push(reason) };
+  const transport = new BluetoothTransport(gatt, logged);
+  await transport.connect(device as BluetoothDevice);
+  return { transport, log };
+}
+const out_of_reach = "out of reach or switched off";
+
 test("an insole that refuses the pairing when the page connects again does not count as out of reach", async () => {
   vi.useFakeTimers();
   let is_paired = true;
   const { device, end } = insole(() => (is_paired ? Promise.resolve() : networkError()));
-  vi.stubGlobal("navigator", { bluetooth: { requestDevice: async () => device } });
-  const log: string[] = [];
-  const logged = { ...events, opened: () => log.push("opened"), closed: (_: unknown, reason: string) => log.push(reason) };
-  const transport = new BluetoothTransport(gatt, logged);
-  await transport.connect(await transport.choose());
+  const { transport, log } = await connectLogged(device);
   is_paired = false;
   end();
   await vi.advanceTimersByTimeAsync(1000);
@@ -100,8 +106,28 @@ test("an insole that refuses the pairing when the page connects again does not c
   await vi.advanceTimersByTimeAsync(1000);
   end();
   const refused = expect.stringMatching(/does not accept this phone any more/);
-  const out_of_reach = "out of reach or switched off";
   expect(log).toEqual(["opened", out_of_reach, refused, refused, "opened", out_of_reach]);
+  transport.close();
+});
+
+test("an insole that ends each new link, as one that has lost the bond, is reported with the remedy", async () => {
+  vi.useFakeTimers();
+  let has_bond = true;
+  const lost = insole(() => {
+    if (has_bond) return Promise.resolve();
+    lost.end();
+    return networkError();
+  });
+  const { transport, log } = await connectLogged(lost.device);
+  has_bond = false;
+  lost.end();
+  // One attempt to connect per second. A single broken link has another cause more often.
+  await vi.advanceTimersByTimeAsync(3000);
+  has_bond = true;
+  await vi.advanceTimersByTimeAsync(1000);
+  lost.end();
+  const breaks = expect.stringMatching(/breaks at once.*remove the insole/);
+  expect(log).toEqual(["opened", out_of_reach, out_of_reach, breaks, breaks, "opened", out_of_reach]);
   transport.close();
 });
 

@@ -24,6 +24,12 @@ const NOT_PAIRED =
 const OUT_OF_REACH = "out of reach or switched off";
 const NO_LONGER_PAIRED =
   "it does not accept this phone any more: remove the insole in the phone's Bluetooth settings, then switch it off for some seconds, and on";
+/** An insole that has lost the bond ends each link, as does a poor radio link, and the browser does not report which one it is. */
+const BREAKS_AT_ONCE =
+  "each new link breaks at once: hold the phone closer or, if that does not help, remove the insole in the phone's Bluetooth " +
+  "settings, then switch it off for some seconds, and on";
+/** Number of successive links that broke before the page could subscribe, from which on they count as broken at once. */
+const BROKEN_LINKS = 2;
 
 /** An insole that the wearer chose. */
 interface Connected {
@@ -31,6 +37,8 @@ interface Connected {
   reconnect: Reconnect;
   /** The reason to report if the link breaks. */
   reason: string;
+  /** Number of links since the last one over which the page could subscribe. */
+  links: number;
   /** The characteristic to which requests are written, except those for parameters; `undefined` while there is no connection. */
   control?: BluetoothRemoteGATTCharacteristic | undefined;
   /** The characteristic to which requests for parameters are written; `undefined` while there is no connection. */
@@ -89,7 +97,9 @@ export class BluetoothTransport implements Transport {
   async connect(device: BluetoothDevice): Promise<void> {
     const insole = this.freeIndex();
     const reconnect = new Reconnect(() => this.open(insole, connected));
-    const connected: Connected = { device, reconnect, reason: OUT_OF_REACH, writing: Promise.resolve(), waiting: new Map() };
+    const connected: Connected = {
+      device, reconnect, reason: OUT_OF_REACH, links: 0, writing: Promise.resolve(), waiting: new Map(),
+    };
     this.insoles.set(insole, connected);
     device.addEventListener("gattserverdisconnected", () => {
       connected.control = undefined;
@@ -117,6 +127,8 @@ export class BluetoothTransport implements Transport {
   private async open(insole: Insole, connected: Connected): Promise<void> {
     const server = await connected.device.gatt?.connect();
     if (!server) throw new Error("The insole refused the connection. Close other programs that use it, then try again.");
+    connected.links += 1;
+    if (connected.links >= BROKEN_LINKS && connected.reason === OUT_OF_REACH) connected.reason = BREAKS_AT_ONCE;
     const service = await server.getPrimaryService(this.gatt.service);
     const control = await service.getCharacteristic(this.gatt.control);
     const live = await service.getCharacteristic(this.gatt.live);
@@ -137,7 +149,7 @@ export class BluetoothTransport implements Transport {
         throw new Error(NOT_PAIRED);
       });
     }
-    connected.reason = OUT_OF_REACH;
+    [connected.reason, connected.links] = [OUT_OF_REACH, 0];
     // The battery service is optional. The link counts as open only after its operations, because the page then sends requests,
     // and Android rejects operations that overlap.
     await this.followBattery(insole, server).catch(() => undefined);
@@ -195,6 +207,10 @@ export function explain(error: unknown): string {
   if (name === "SecurityError" || name === "NotAllowedError") {
     return "Bluetooth is not allowed for this page. Allow it in the browser's settings for this site, then try again.";
   }
-  if (name === "NetworkError") return "The insole did not answer. Move it closer, wake it by stepping on it, and try again.";
+  if (name === "NetworkError") {
+    return "The insole did not answer. Move it closer, wake it by stepping on it, and try again. If that does not help, and this " +
+      "phone was paired with it before, remove the insole in the phone's Bluetooth settings, switch it off for some seconds, then " +
+      "on, and try again at once.";
+  }
   return error instanceof Error ? error.message : "Bluetooth failed. Switch Bluetooth off and on, then try again.";
 }
