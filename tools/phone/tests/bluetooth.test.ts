@@ -142,12 +142,13 @@ const LONG_MS = 1000;
 
 /**
  * An insole that is connected, and measures its battery. As on Android, an operation takes some time, and fails while another
- * one is in progress. `writes` lists the requests that were written; `hold` delays the writes until it resolves.
+ * one is in progress. `writes` lists the requests that were written; `control.hold` delays the operations until it
+ * resolves, and `control.percent` is the charge of the battery. The insole refuses to notify of it, as insoles do.
  * `opened` is called when the page reports the link as open, with the number of reports of the battery so far.
  */
 async function connectBusy(opened: (transport: BluetoothTransport, reports: number) => void = ignore) {
   const writes: Uint8Array[] = [];
-  const control = { hold: Promise.resolve() };
+  const control = { hold: Promise.resolve(), percent: 70 };
   let is_busy = false;
   const operate = async <T>(result: T): Promise<T> => {
     if (is_busy) await networkError();
@@ -159,11 +160,14 @@ async function connectBusy(opened: (transport: BluetoothTransport, reports: numb
   };
   const characteristic = {
     startNotifications: () => operate(undefined),
-    readValue: () => operate(new DataView(Uint8Array.of(70).buffer)),
+    readValue: () => operate(new DataView(Uint8Array.of(control.percent).buffer)),
     // The byte before the message is the header of its only fragment.
     writeValueWithResponse: (value: Uint8Array) => operate(undefined).then(() => writes.push(value.slice(1))),
   };
-  const service = { getCharacteristic: () => operate({ ...characteristic }) };
+  const readable = { ...characteristic, startNotifications: () => Promise.reject(new DOMException("", "NotSupportedError")) };
+  const service = {
+    getCharacteristic: (uuid: string) => operate(uuid === "battery_level" ? readable : { ...characteristic }),
+  };
   const server = { connected: true, connect: async () => server, disconnect: ignore, getPrimaryService: () => operate(service) };
   const device = Object.assign(new EventTarget(), { id: "1", gatt: server }) as unknown as BluetoothDevice;
   const battery = vi.fn();
@@ -184,6 +188,21 @@ test("the battery and the requests are not accessed at the same time, because on
     requests.forEach((request) => opened.send(0, request));
   });
   expect([battery.mock.calls, reports_before]).toEqual([[[0, 70]], 1]);
+  expect(writes).toEqual(requests);
+  transport.close();
+});
+
+test("the battery is read every minute between the requests, because an insole does not notify of its charge", async () => {
+  vi.useFakeTimers();
+  const { transport, writes, control, battery } = await connectBusy();
+  control.percent = 9;
+  const requests = Array.from({ length: 9 }, (_, i) => wire.getTime(i));
+  for (const request of requests) {
+    transport.send(0, request);
+    await vi.advanceTimersByTimeAsync(10_000);
+  }
+  // The first reading was that of the connection.
+  expect(battery.mock.calls).toEqual([[0, 70], [0, 9]]);
   expect(writes).toEqual(requests);
   transport.close();
 });

@@ -7,6 +7,8 @@ import { INSOLES, type Insole, type Transport, type TransportEvents } from "./tr
 
 /** Length of the longest value, bytes, that can be written with the smallest ATT MTU. Web Bluetooth does not report the MTU. */
 const VALUE_BYTES = 20;
+/** Interval between two readings of the battery. */
+const BATTERY_MS = 60_000;
 /** No insole was chosen: the wearer cancelled the choice, or the phone or the browser showed no list. The errors are equal. */
 export const NONE_CHOSEN =
   'No insole was chosen. If no list appeared, allow Bluetooth ("Nearby devices", on older phones also Location) for the ' +
@@ -24,7 +26,7 @@ const NOT_PAIRED =
 const OUT_OF_REACH = "out of reach or switched off";
 const NO_LONGER_PAIRED =
   "it does not accept this phone any more: remove the insole in the phone's Bluetooth settings, then switch it off for some seconds, and on";
-/** An insole that has lost the bond ends each link, as does a poor radio link, and the browser does not report which one it is. */
+/** An insole that has lost the bond ends each link. A poor radio link also breaks, and the browser reports no difference. */
 const BREAKS_AT_ONCE =
   "each new link breaks at once: hold the phone closer or, if that does not help, remove the insole in the phone's Bluetooth " +
   "settings, then switch it off for some seconds, and on";
@@ -43,8 +45,12 @@ interface Connected {
   control?: BluetoothRemoteGATTCharacteristic | undefined;
   /** The characteristic to which requests for parameters are written; `undefined` while there is no connection. */
   parameters?: BluetoothRemoteGATTCharacteristic | undefined;
-  /** Resolves after the last write. The next one waits for it, because operations must not overlap. */
-  writing: Promise<void>;
+  /** The charge of the battery; `undefined` while there is no connection, and if the insole does not measure it. */
+  battery?: BluetoothRemoteGATTCharacteristic | undefined;
+  /** Time at which the last reading of the battery was requested, by `performance.now()`. */
+  battery_requested_ms: number;
+  /** Resolves after the last write or reading. The next one waits for it, because operations must not overlap. */
+  operating: Promise<void>;
   /** The requests that wait to be written, by kind, which is the first byte of the encoded request. */
   waiting: Map<number, Uint8Array>;
 }
@@ -98,12 +104,14 @@ export class BluetoothTransport implements Transport {
     const insole = this.freeIndex();
     const reconnect = new Reconnect(() => this.open(insole, connected));
     const connected: Connected = {
-      device, reconnect, reason: OUT_OF_REACH, links: 0, writing: Promise.resolve(), waiting: new Map(),
+      device, reconnect, reason: OUT_OF_REACH, links: 0,
+      battery_requested_ms: 0, operating: Promise.resolve(), waiting: new Map(),
     };
     this.insoles.set(insole, connected);
     device.addEventListener("gattserverdisconnected", () => {
       connected.control = undefined;
       connected.parameters = undefined;
+      connected.battery = undefined;
       if (this.insoles.get(insole) !== connected) return;
       this.events.closed(insole, connected.reason);
       reconnect.later();
@@ -152,23 +160,27 @@ export class BluetoothTransport implements Transport {
     [connected.reason, connected.links] = [OUT_OF_REACH, 0];
     // The battery service is optional. The link counts as open only after its operations, because the page then sends requests,
     // and Android rejects operations that overlap.
-    await this.followBattery(insole, server).catch(() => undefined);
+    await this.findBattery(insole, connected, server).catch(() => undefined);
     if (!server.connected) throw new DOMException("The link broke.", "NetworkError");
-    connected.writing = Promise.resolve();
+    connected.operating = Promise.resolve();
     connected.waiting = new Map();
     connected.control = control;
     connected.parameters = parameters;
     this.events.opened(insole);
   }
 
-  /** Reports the charge of the battery now and whenever it changes. */
-  private async followBattery(insole: Insole, server: BluetoothRemoteGATTServer): Promise<void> {
+  /** Finds the characteristic with the charge of the battery, and reads it for the first time. */
+  private async findBattery(insole: Insole, connected: Connected, server: BluetoothRemoteGATTServer): Promise<void> {
+    connected.battery_requested_ms = performance.now();
     const service = await server.getPrimaryService("battery_service");
-    const level = await service.getCharacteristic("battery_level");
-    const report = (value: DataView | undefined) => value && this.events.battery(insole, value.getUint8(0));
-    report(await level.readValue());
-    level.oncharacteristicvaluechanged = () => report(level.value);
-    await level.startNotifications();
+    connected.battery = await service.getCharacteristic("battery_level");
+    await this.readBattery(insole, connected);
+  }
+
+  /** Reports the charge of the battery. An insole does not notify of its changes. */
+  private async readBattery(insole: Insole, connected: Connected): Promise<void> {
+    const value = await connected.battery?.readValue();
+    if (value) this.events.battery(insole, value.getUint8(0));
   }
 
   send(insole: Insole, message: Uint8Array): void {
@@ -177,20 +189,29 @@ export class BluetoothTransport implements Transport {
     const isOfParameters = this.gatt.parameter_requests.includes(kind);
     const channel = isOfParameters ? connected?.parameters : connected?.control;
     if (!connected || !channel) return;
+    // This needs no timer, because the page sends several requests per second to an insole that it uses.
+    if (performance.now() - connected.battery_requested_ms >= BATTERY_MS) {
+      connected.battery_requested_ms = performance.now();
+      this.enqueue(connected, () => this.readBattery(insole, connected));
+    }
     const { waiting } = connected;
     // A request replaces a waiting one of the same kind, so that few wait when a poor link recovers. A later request of a kind
     // makes the earlier one unnecessary: for example, an acknowledgement covers all earlier records.
     const is_queued = waiting.has(kind);
     waiting.set(kind, message);
     if (is_queued) return;
-    const write = async () => {
+    this.enqueue(connected, async () => {
       const latest = waiting.get(kind)!;
       waiting.delete(kind);
       for (const value of fragments(latest, VALUE_BYTES)) await channel.writeValueWithResponse(value);
-    };
-    // A write fails if the insole refuses it, or if the link breaks. In the second case, the handler of `gattserverdisconnected`
-    // opens the link again.
-    connected.writing = connected.writing.then(write).catch(() => undefined);
+    });
+  }
+
+  /** Executes an operation on the characteristics of an insole after those before it. */
+  private enqueue(connected: Connected, operation: () => Promise<void>): void {
+    // An operation fails if the insole refuses it, or if the link breaks. In the second case, the handler of
+    // `gattserverdisconnected` opens the link again.
+    connected.operating = connected.operating.then(operation).catch(() => undefined);
   }
 
   close(): void {
@@ -208,9 +229,9 @@ export function explain(error: unknown): string {
     return "Bluetooth is not allowed for this page. Allow it in the browser's settings for this site, then try again.";
   }
   if (name === "NetworkError") {
-    return "The insole did not answer. Move it closer, wake it by stepping on it, and try again. If that does not help, and this " +
-      "phone was paired with it before, remove the insole in the phone's Bluetooth settings, switch it off for some seconds, then " +
-      "on, and try again at once.";
+    return "The insole did not answer. Move it closer, wake it by stepping on it, and try again. If that does not help, and " +
+      "this phone was paired with it before, remove the insole in the phone's Bluetooth settings, switch it off for some " +
+      "seconds, then on, and try again at once.";
   }
   return error instanceof Error ? error.message : "Bluetooth failed. Switch Bluetooth off and on, then try again.";
 }
