@@ -27,6 +27,9 @@ pub const MANAGEMENT_SERVICE: u128 = 0x8d53_dc1d_1db7_4cd3_868b_8a52_7460_aa84;
 /// on the other characteristics have, because each message states its own length.
 pub const MANAGEMENT: u128 = 0xda2e_7828_fbce_4e01_ae9e_2611_7499_7c48;
 
+/// Longest value of a characteristic, bytes: the longest packet of the link layer, 251 bytes, without its L2CAP and ATT headers.
+pub const MAX_VALUE: usize = 244;
+
 /// Bytes per second that a link is assumed to carry from the insole: four values of 244 bytes in each connection interval of
 /// 30 ms, the longest one that the insole requests. A central that refuses may choose a longer one.
 pub const BYTES_PER_S: u32 = 4 * 244 * 1000 / 30;

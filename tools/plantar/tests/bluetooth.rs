@@ -1,12 +1,12 @@
 //! Tests `--ble` with a simulation of BlueZ and of an insole that runs the code of the firmware's session.
 #![cfg(all(target_os = "linux", feature = "ble"))]
 
-use crate::bluez::{Bus, FRAGMENT, Peripheral};
+use crate::bluez::{ATT_HEADER, Bus, Peripheral};
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::session::Session;
 use plantar::protocol::{MAX_MESSAGE, ToDevice, ToHost, decode};
 use std::process::{Command, Output, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -23,6 +23,10 @@ const TIMEOUT: Duration = Duration::from_secs(60);
 #[derive(Clone)]
 struct Insole {
     is_bonded: bool,
+    /// The ATT MTU of the connection, bytes.
+    mtu: u16,
+    /// Length of the longest value that the host has written, bytes.
+    longest_written: Arc<AtomicUsize>,
     connected: Arc<AtomicBool>,
     /// If true, the link breaks at the next acknowledgement, before the insole receives it.
     breaks_link: Arc<AtomicBool>,
@@ -53,12 +57,17 @@ impl Peripheral for Insole {
         self.connected.load(Ordering::SeqCst)
     }
 
+    fn mtu(&self) -> u16 {
+        self.mtu
+    }
+
     fn subscribe(&self, _: u8) -> Result<(), String> {
         if self.is_bonded { Ok(()) } else { Err(NO_BOND.into()) }
     }
 
     /// Processes a fragment that the host writes to a characteristic.
     fn write(&self, number: u8, fragment: &[u8]) -> Result<(), String> {
+        self.longest_written.fetch_max(fragment.len(), Ordering::SeqCst);
         let mut guard = self.session.lock().unwrap();
         let (session, joiner) = &mut *guard;
         let Some(message) = joiner.push(fragment).expect("in order") else { return Ok(()) };
@@ -109,7 +118,7 @@ impl Insole {
             let mut splitter = Splitter::new();
             splitter.buffer()[..message.len()].copy_from_slice(message);
             splitter.start(message.len());
-            let mut fragment = [0; FRAGMENT];
+            let mut fragment = vec![0; usize::from(self.mtu) - ATT_HEADER];
             while let Some(len) = splitter.next(&mut fragment) {
                 self.values.send((number, fragment[..len].to_vec())).expect("the host is connected");
             }
@@ -125,11 +134,18 @@ struct Simulated {
 }
 
 impl Simulated {
+    /// Starts both, with the ATT MTU of an insole.
     fn start(is_bonded: bool) -> Self {
+        Self::start_with_mtu(is_bonded, 247)
+    }
+
+    fn start_with_mtu(is_bonded: bool, mtu: u16) -> Self {
         let (values, to_host) = channel();
         let (acknowledged, acknowledgements) = channel();
         let insole = Insole {
             is_bonded,
+            mtu,
+            longest_written: Arc::default(),
             connected: Arc::default(),
             breaks_link: Arc::default(),
             has_stepped: Arc::default(),
@@ -208,8 +224,16 @@ fn monitor_reconnects_after_a_broken_link() {
 
 #[test]
 #[ignore = "needs a D-Bus daemon: cargo xtask test"]
-fn parameters_are_sent_and_read_back_in_fragments() {
-    let simulated = Simulated::start(true);
+fn parameters_are_sent_and_read_back_in_fragments_that_fill_the_mtu() {
+    for (mtu, longest) in [(23, 20), (100, 97)] {
+        let simulated = Simulated::start_with_mtu(true, mtu);
+        send_and_read_parameters(&simulated);
+        assert_eq!(simulated.insole.longest_written.load(Ordering::SeqCst), longest);
+    }
+}
+
+/// Sends parameters to the insole, reads them back, and sends what was read.
+fn send_and_read_parameters(simulated: &Simulated) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     let run = |arguments: &[&str]| {

@@ -23,8 +23,8 @@ const SERVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01/service0010";
 /// The GATT characteristics of docs/bluetooth.md: the number in the UUID, and the properties.
 const CHARACTERISTICS: [(u8, &[&str]); 4] =
     [(1, &["write", "indicate"]), (2, &["notify"]), (3, &["notify"]), (4, &["write", "indicate"])];
-/// Length of the longest value that the smallest ATT MTU allows, bytes.
-pub const FRAGMENT: usize = 20;
+/// Length of the opcode and the handle that precede a value in an ATT packet, bytes.
+pub const ATT_HEADER: usize = 3;
 
 /// The UUID of the service (0) or of a characteristic.
 pub fn uuid(number: u8) -> String {
@@ -52,6 +52,9 @@ pub trait Peripheral: Send + Sync + 'static {
 
     /// True while the computer is connected.
     fn is_connected(&self) -> bool;
+
+    /// The ATT MTU of the connection, bytes.
+    fn mtu(&self) -> u16;
 
     /// Subscribes to the characteristic with this number.
     fn subscribe(&self, number: u8) -> Result<(), String>;
@@ -128,10 +131,12 @@ fn characteristic(interface: &mut IfaceBuilder<Characteristic>) {
     });
     interface.method("StopNotify", (), (), |_, _, ()| Ok(()));
     interface.method("WriteValue", ("value", "options"), (), |_, this, (value, _): (Vec<u8>, PropMap)| {
-        assert!(value.len() <= FRAGMENT);
+        // BlueZ would write a longer value in parts, which an insole refuses.
+        assert!(value.len() + ATT_HEADER <= usize::from(this.insole.mtu()));
         this.insole.write(this.number, &value).map_err(|error| MethodErr::failed(&error))
     });
     interface.property("UUID").get(|_, this| Ok(uuid(this.number)));
+    interface.property("MTU").get(|_, this| Ok(this.insole.mtu()));
     constant(interface, "Service", Path::from(SERVICE));
     interface.property("Flags").get(|_, this| Ok(this.flags.iter().map(|&flag| flag.to_owned()).collect::<Vec<_>>()));
     constant(interface, "Notifying", false);

@@ -115,6 +115,10 @@ impl Peripheral for Radio {
         self.is_connected.load(Ordering::SeqCst)
     }
 
+    fn mtu(&self) -> u16 {
+        MTU
+    }
+
     fn subscribe(&self, number: u8) -> Result<(), String> {
         self.request(json!({"do": "subscribe", "phone": COMPUTER, "to": uuid(number)})).map(drop)
     }

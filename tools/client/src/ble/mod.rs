@@ -44,8 +44,10 @@ const SCAN_TIMEOUT: Duration = Duration::from_secs(15);
 const SCAN_INTERVAL: Duration = Duration::from_millis(200);
 /// Timeout of a connection. An insole in range connects, pairs and lists its characteristics earlier.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(20);
-/// Size of a written value, bytes: the payload of the smallest MTU, which every connection supports.
-const FRAGMENT: usize = 20;
+/// Length of the opcode and the handle that precede a written value, bytes.
+const ATT_HEADER: usize = 3;
+/// Length of the longest value that every connection can write in one packet, bytes: that of the smallest ATT MTU, 23.
+const MIN_VALUE: usize = 20;
 
 /// The reason why no connection could be established.
 #[derive(Debug, Error)]
@@ -167,6 +169,12 @@ async fn scan(adapter: &Adapter, selector: &Selector) -> Result<Peripheral, BleE
     }
 }
 
+/// Length of the longest value that a connection with this ATT MTU can write in one packet, bytes. The system would write a
+/// longer one in parts (a *prepared write*), which an insole refuses.
+fn longest_value(mtu: u16) -> usize {
+    usize::from(mtu).saturating_sub(ATT_HEADER).clamp(MIN_VALUE, gatt::MAX_VALUE)
+}
+
 /// Connects and subscribes to all characteristics that carry messages.
 async fn subscribe(peripheral: &Peripheral) -> Result<(Notifications, Vec<Channel>), BleError> {
     peripheral.connect().await?;
@@ -191,8 +199,9 @@ impl Carrier for BleCarrier {
         let mut splitter = Splitter::new();
         let len = encode(&message, splitter.buffer()).map_err(io::Error::other)?.len();
         splitter.start(len);
-        let mut fragment = [0; FRAGMENT];
-        while let Some(len) = splitter.next(&mut fragment) {
+        let mut fragment = [0; gatt::MAX_VALUE];
+        let fragment = &mut fragment[..longest_value(self.peripheral.mtu())];
+        while let Some(len) = splitter.next(fragment) {
             let written = self.peripheral.write(&channel.characteristic, &fragment[..len], WriteType::WithResponse);
             self.runtime.block_on(written).map_err(io::Error::other)?;
         }
@@ -232,5 +241,17 @@ impl Drop for BleCarrier {
         // On Linux, dropping the stream of notifications starts asynchronous work, which needs the runtime.
         self.fetching.abort();
         let _ = self.runtime.block_on(&mut self.fetching);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::longest_value;
+
+    /// A Write Request has an opcode of one byte and a handle of two. The insole has an MTU of 247.
+    #[test]
+    fn a_written_value_fits_in_the_mtu_of_the_connection_and_of_the_insole() {
+        assert_eq!([23, 24, 185, 247, 517].map(longest_value), [20, 21, 182, 244, 244]);
+        assert_eq!(longest_value(0), 20, "a system that does not report the MTU");
     }
 }
