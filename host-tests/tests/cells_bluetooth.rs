@@ -30,8 +30,8 @@ fn the_cells_that_arrive_over_bluetooth_are_those_that_were_played() {
     // A rate that the connection cannot carry beside live frames is refused with the highest one that it can carry.
     let mut stream = CellStream { resolution: Resolution::Converter, every: 1 };
     let refused = phone.answer(&mut radio, ToDevice::StreamCells(Some(stream)));
-    assert_eq!(refused, ToHost::Refused(Refusal::CellRate { every: 2 }));
-    stream.every = 2;
+    assert_eq!(refused, ToHost::Refused(Refusal::CellRate { every: 4 }));
+    stream.every = 4;
     phone.send(&mut radio, ToDevice::Stream { live: true });
     assert_eq!(phone.answer(&mut radio, ToDevice::StreamCells(Some(stream))), ToHost::CellStream(Some(stream)));
 

@@ -6,8 +6,8 @@
 
 use crate::{codec, flash, fragments, numbers};
 use fragments::Fragment;
-use plantar::protocol::Resolution;
 use plantar::protocol::update::CHUNK;
+use plantar::protocol::{Capacity, Resolution};
 
 #[kani::proof]
 fn order_of_all_numbers() {
@@ -22,14 +22,14 @@ fn live_losses() {
     numbers::live_losses(arrived, 6, status);
 }
 
-/// All frame periods and rates of the carrier, up to 256 cells with codes of 12 bits, and a request for every frame or for one
-/// frame in 251 or more.
+/// All frame periods and rates of a carrier of bytes, up to 256 cells with codes of 12 bits, and a request for every frame or for
+/// one frame in 251 or more.
 #[kani::proof]
 #[kani::unwind(257)]
 fn fitting_rate_of_cells() {
     let every = kani::any_where(|every| *every <= 1 || *every > 250);
     let cells = kani::any_where(|cells| *cells <= 256);
-    numbers::fitting_rate(Resolution::Converter, every, cells, kani::any(), kani::any());
+    numbers::fitting_rate(Resolution::Converter, every, cells, kani::any(), Capacity::of_bytes(kani::any()));
 }
 
 /// All streams of seven bytes.

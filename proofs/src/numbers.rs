@@ -1,6 +1,6 @@
 //! Sequence numbers, the counts of lost frames, and the rate of a stream of cells.
 
-use plantar::protocol::{CellStream, LiveCounter, Resolution};
+use plantar::protocol::{Capacity, CellStream, LiveCounter, Resolution};
 use plantar::sequence::{is_after, skipped};
 
 /// The number that is `distance` ahead of `from` is after it if the distance is from 1 to 2^31 - 1. Then `from` and all numbers
@@ -34,14 +34,20 @@ pub fn live_losses(arrived: u32, due: u32, status: u32) {
 
 /// A stream of cells is sent at the highest rate, not above the requested one, at which the carrier can also send all live
 /// frames. One frame in `every` is requested.
-pub fn fitting_rate(resolution: Resolution, every: u8, cells: u32, period_us: u32, bytes_per_s: u32) {
+pub fn fitting_rate(resolution: Resolution, every: u8, cells: u32, period_us: u32, carrier: Capacity) {
     let frames_per_s = 1_000_000 / u64::from(period_us.max(1));
     // Bytes with the framing of a byte carrier: for a frame of cells 22 plus 60 % of the length of the plain codes, for a live
     // frame 92.
     let frame_bytes = 22 + u64::from(cells) * u64::from(resolution.bits()) * 6 / 80;
-    let live_bytes_per_s = 92 * frames_per_s;
-    let fits = |every: u64| live_bytes_per_s * every + frame_bytes * frames_per_s <= u64::from(bytes_per_s) * every;
-    let least = (u64::from(every.max(1))..=255).find(|&every| fits(every) && live_bytes_per_s < u64::from(bytes_per_s));
-    let fitting = CellStream { resolution, every }.fitting(cells, period_us, bytes_per_s);
+    let packets_per_s = u64::from(carrier.packets_per_s);
+    // A message takes whole packets.
+    let per_s = |bytes: u64| {
+        let packet_bytes = u64::from(carrier.packet_bytes);
+        (bytes / packet_bytes + u64::from(bytes % packet_bytes > 0)) * frames_per_s
+    };
+    let (live_per_s, cells_per_s) = (per_s(92), per_s(frame_bytes));
+    let fits = |every: u64| live_per_s * every + cells_per_s <= packets_per_s * every;
+    let least = (u64::from(every.max(1))..=255).find(|&every| fits(every) && live_per_s < packets_per_s);
+    let fitting = CellStream { resolution, every }.fitting(cells, period_us, carrier);
     assert_eq!(fitting.map(u64::from), least);
 }

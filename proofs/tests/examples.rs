@@ -2,7 +2,7 @@
 //! inputs.
 
 use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
-use plantar::protocol::{Resolution, ToDevice};
+use plantar::protocol::{Capacity, Resolution, ToDevice};
 use plantar::storage::flash_map::SMALLEST_CHIP;
 use proofs::acknowledgement::EVENTS;
 use proofs::fragments::Fragment;
@@ -12,7 +12,7 @@ use proofs::{acknowledgement, cells, codec, flash, fragments, image, numbers, su
 fn properties_hold_for_examples() {
     numbers::order(u32::MAX, 2);
     numbers::live_losses(0b1011, 4, 2);
-    numbers::fitting_rate(Resolution::Converter, 1, 240, 10_000, 46_080);
+    numbers::fitting_rate(Resolution::Converter, 1, 240, 10_000, Capacity::of_bytes(46_080));
     codec::stream(&[1, 1, 1, 1, 1, 0, 3, 0, 2, 7, 0, 0]);
     for len in [0, 1, 254, 255, 560] {
         codec::framing(&vec![7; len]);

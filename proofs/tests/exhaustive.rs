@@ -4,7 +4,7 @@
 use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
 use plantar::firmware::supervise::{MOST_CHECKS, Part, START_CHECKS};
 use plantar::protocol::update::{CHUNK, Header};
-use plantar::protocol::{MAX_MESSAGE, Resolution, ToDevice, ToHost};
+use plantar::protocol::{Capacity, MAX_MESSAGE, Resolution, ToDevice, ToHost};
 use plantar::storage::flash_map::{LARGEST_CHIP, SECTOR, SMALLEST_CHIP};
 use proofs::acknowledgement::EVENTS;
 use proofs::calendar::Day;
@@ -55,8 +55,12 @@ fn a_stream_of_cells_has_the_highest_rate_that_fits() {
     for resolution in [Resolution::Converter, Resolution::Oversampled] {
         for cells in (0..=256).step_by(bound(16, 1)) {
             for period_us in [0, 1, 999, 2_500, 10_000, 10_001, 1_000_000, u32::MAX] {
-                for bytes_per_s in [0, 1, 960, 9_200, 9_201, 11_520, 46_080, 92_160, 1_000_000, u32::MAX] {
-                    (0..=255).for_each(|every| numbers::fitting_rate(resolution, every, cells, period_us, bytes_per_s));
+                let bytes =
+                    [0, 1, 960, 9_200, 9_201, 11_520, 46_080, 92_160, 1_000_000, u32::MAX].map(Capacity::of_bytes);
+                let values = [0, 1, 100, 101, 133, 400, 5_000];
+                let values = values.map(|packets_per_s| Capacity { packets_per_s, packet_bytes: 243 });
+                for carrier in bytes.into_iter().chain(values) {
+                    (0..=255).for_each(|every| numbers::fitting_rate(resolution, every, cells, period_us, carrier));
                 }
             }
         }

@@ -7,7 +7,7 @@ use crate::pipeline::cadence::Cadence;
 use crate::pipeline::stance_rule::Rejected;
 use crate::protocol::session::Session;
 use crate::protocol::{
-    CellStream, Contents, Hello, Identity, LoadRecord, Refusal, Status, ToDevice, ToHost, encode, gatt,
+    Capacity, CellStream, Contents, Hello, Identity, LoadRecord, Refusal, Status, ToDevice, ToHost, encode, gatt,
 };
 use crate::storage::update::{KEY, key_id};
 use crate::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, StorageError, Store};
@@ -233,11 +233,11 @@ impl Shared {
 
     /// The refusal of a stream of cells for which the carrier is too slow.
     fn refuses(&self, carrier: Carrier, stream: CellStream) -> Option<Refusal> {
-        let bytes_per_s = match carrier {
-            Carrier::Serial => self.serial_bytes_per_s,
-            Carrier::Bluetooth => gatt::BYTES_PER_S,
+        let capacity = match carrier {
+            Carrier::Serial => Capacity::of_bytes(self.serial_bytes_per_s),
+            Carrier::Bluetooth => gatt::CAPACITY,
         };
-        let every = stream.fitting(self.hello.cells.into(), self.hello.period_us, bytes_per_s).unwrap_or(0);
+        let every = stream.fitting(self.hello.cells.into(), self.hello.period_us, capacity).unwrap_or(0);
         (every == 0 || every > stream.stride()).then_some(Refusal::CellRate { every })
     }
 

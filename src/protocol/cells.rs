@@ -58,6 +58,22 @@ const OVERHEAD_BYTES: u32 = 22;
 /// in addition to frames of cells.
 const LIVE_BYTES: u32 = 92;
 
+/// What a carrier can send to the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capacity {
+    /// Number of packets per second.
+    pub packets_per_s: u32,
+    /// Number of bytes of messages in a packet, at least 1. A message takes whole packets, however short it is.
+    pub packet_bytes: u32,
+}
+
+impl Capacity {
+    /// The capacity of a carrier of single bytes.
+    pub const fn of_bytes(bytes_per_s: u32) -> Self {
+        Self { packets_per_s: bytes_per_s, packet_bytes: 1 }
+    }
+}
+
 /// A stream of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CellStream {
@@ -79,13 +95,14 @@ impl CellStream {
         OVERHEAD_BYTES + cells * self.resolution.bits() * 6 / 10 / 8
     }
 
-    /// The smallest [`CellStream::every`], at least that of this stream, with which a carrier of `bytes_per_s` bytes per second
-    /// can send the frames of `cells` cells in addition to the live frames; `None` if it is too slow for any. `period_us` is the
-    /// time between scans.
-    pub fn fitting(self, cells: u32, period_us: u32, bytes_per_s: u32) -> Option<u8> {
+    /// The smallest [`CellStream::every`], at least that of this stream, with which a carrier can send the frames of `cells`
+    /// cells in addition to the live frames; `None` if it is too slow for any. `period_us` is the time between scans.
+    pub fn fitting(self, cells: u32, period_us: u32, carrier: Capacity) -> Option<u8> {
         let frames_per_s = 1_000_000 / period_us.max(1);
-        let available_per_s = bytes_per_s.saturating_sub(LIVE_BYTES * frames_per_s);
-        let needed_per_s = self.frame_bytes(cells) * frames_per_s;
+        // Numbers of packets.
+        let available_per_s =
+            carrier.packets_per_s.saturating_sub(LIVE_BYTES.div_ceil(carrier.packet_bytes) * frames_per_s);
+        let needed_per_s = self.frame_bytes(cells).div_ceil(carrier.packet_bytes) * frames_per_s;
         let every =
             needed_per_s.checked_div(available_per_s)? + u32::from(!needed_per_s.is_multiple_of(available_per_s));
         u8::try_from(every.max(self.stride().into())).ok()
@@ -286,6 +303,7 @@ fn pack_group<const BITS: u32>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::protocol::gatt::CAPACITY;
 
     #[test]
     fn unpacked_codes_equal_the_packed_codes() {
@@ -323,8 +341,8 @@ mod tests {
         }
     }
 
-    /// Bytes per second of a serial port at 460,800 bit/s: a byte is ten bits.
-    const SERIAL: u32 = 46_080;
+    /// A serial port at 460,800 bit/s: a byte is ten bits.
+    const SERIAL: Capacity = Capacity::of_bytes(46_080);
 
     #[test]
     fn a_serial_port_sends_240_cells_at_100_hz_and_offers_less_at_400_hz() {
@@ -332,6 +350,21 @@ mod tests {
         assert_eq!(stream.fitting(240, 10_000, SERIAL), Some(1));
         // 36.8 kB/s of live frames leave 9.28 kB/s: almost 39 messages of 238 bytes a second.
         assert_eq!(stream.fitting(240, 2_500, SERIAL), Some(11));
-        assert_eq!(stream.fitting(240, 10_000, 960), None, "9,600 bit/s are too slow for live frames");
+        let slow = Capacity::of_bytes(960);
+        assert_eq!(stream.fitting(240, 10_000, slow), None, "9,600 bit/s are too slow for live frames");
+    }
+
+    #[test]
+    fn bluetooth_sends_133_values_per_second_and_no_value_has_parts_of_two_messages() {
+        let of_bits = |resolution| CellStream { resolution, every: 1 };
+        let [short, long] = [Resolution::Converter, Resolution::Oversampled].map(of_bits);
+        // At 100 Hz, live frames leave 33 values per second. A frame of cells with 12 bits, 238 bytes, takes one of them; one
+        // with 16 bits, 310 bytes, takes two.
+        assert_eq!(short.fitting(240, 10_000, CAPACITY), Some(4));
+        assert_eq!(long.fitting(240, 10_000, CAPACITY), Some(7));
+        // At 50 Hz, they leave 83.
+        assert_eq!(short.fitting(240, 20_000, CAPACITY), Some(1));
+        assert_eq!(long.fitting(240, 20_000, CAPACITY), Some(2));
+        assert_eq!(short.fitting(8, 7_500, CAPACITY), None, "live frames take all 133 values");
     }
 }

@@ -1,7 +1,7 @@
 //! The GATT service of an insole: UUIDs, advertised names, and the rules that connect characteristics with messages.
 //! `docs/bluetooth.md` has the whole table.
 
-use super::{ToDevice, ToHost};
+use super::{Capacity, ToDevice, ToHost};
 use crate::pipeline::region::Side;
 
 /// The UUID of the insole service (number 0) or of one of its characteristics: `dca8c3xx-cb96-463f-8bec-f2094e1ccf7b`, a random
@@ -30,9 +30,9 @@ pub const MANAGEMENT: u128 = 0xda2e_7828_fbce_4e01_ae9e_2611_7499_7c48;
 /// Longest value of a characteristic, bytes: the longest packet of the link layer, 251 bytes, without its L2CAP and ATT headers.
 pub const MAX_VALUE: usize = 244;
 
-/// Bytes per second that a link is assumed to carry from the insole: four values of 244 bytes in each connection interval of
-/// 30 ms, the longest one that the insole requests. A central that refuses may choose a longer one.
-pub const BYTES_PER_S: u32 = 4 * 244 * 1000 / 30;
+/// What a link is assumed to carry from the insole: four values in each connection interval of 30 ms, the longest one that the
+/// insole requests. A central may choose a longer one. The first byte of a value is the header of the fragment.
+pub const CAPACITY: Capacity = Capacity { packets_per_s: 4 * 1000 / 30, packet_bytes: MAX_VALUE as u32 - 1 };
 
 /// The advertised name of an insole.
 pub const fn name(side: Side) -> &'static str {

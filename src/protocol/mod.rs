@@ -36,7 +36,7 @@ pub mod update;
 pub use alert::Alert;
 pub use bout::{Bout, BoutRegion};
 pub use calibration::{BLOCK_CELLS, CALIBRATION_BLOCKS, CalibrationBlock, CalibrationId};
-pub use cells::{CellCoder, CellFrame, CellStream, KEY_INTERVAL, MAX_PACKED, Resolution};
+pub use cells::{Capacity, CellCoder, CellFrame, CellStream, KEY_INTERVAL, MAX_PACKED, Resolution};
 pub use codec::{Decoder, EncodeError, MAX_FRAME, MAX_MESSAGE, decode, encode, frame};
 pub use ellipses::{ContactEllipse, EllipseSender, Ellipses};
 pub use hello::{Hello, MAX_FAULT_TEXT, Reset};

@@ -99,7 +99,10 @@ impl fmt::Display for Refusal {
                 COEFFICIENT.end(),
             ),
             Self::Update(refusal) => refusal.fmt(f),
-            Self::CellRate { every: 0 } => f.write_str("the connection is too slow for a stream of cells"),
+            Self::CellRate { every: 0 } => f.write_str(
+                "the connection is too slow for a stream of cells: set a lower frame rate, or, over Bluetooth, use the \
+                 serial port",
+            ),
             Self::CellRate { every } => write!(
                 f,
                 "the connection is too slow for this stream of cells: request one of every {every} frames, or, over \

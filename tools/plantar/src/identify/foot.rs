@@ -491,8 +491,8 @@ impl Walk {
     }
 }
 
-/// Frames of cells per second of a standing trial. The trial needs only means over seconds, and a connection that is too slow
-/// for the rate of the scans can carry this rate.
+/// Frames of cells per second of a standing trial, unless the connection is too slow for this rate. The trial needs only means
+/// over seconds.
 const TRIAL_HZ: f64 = 20.0;
 /// Longest time between two frames of a standing trial, s. The trial's means are over several seconds.
 const TRIAL_GAP_S: f64 = 1.0;
