@@ -31,8 +31,6 @@ use trouble_host::prelude::*;
 pub const BONDING_WINDOW: Duration = Duration::from_secs(60);
 /// Largest number of stored bonds. A further bond replaces the least recently used bond.
 pub const MAX_BONDS: usize = 4;
-/// Longest value of a characteristic, bytes: a packet of 251 bytes without its L2CAP and ATT headers.
-pub const MAX_VALUE: usize = 244;
 
 /// Time before a radio that failed is set up again. Each set-up computes public keys, which delays the evaluation of the frames by
 /// some tenths of a second and costs most steps in which it falls. Several set-ups must fit into the time after which the
@@ -341,13 +339,13 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
 
 /// Sends values until the central disconnects.
 async fn send(connection: &Connected<'_, '_>, table: &Table, insole: &dyn GattServer) -> Result<(), Error> {
-    let mut value = [0; MAX_VALUE];
+    let mut value = [0; gatt::MAX_VALUE];
     loop {
         insole.changed().wait().await;
         // A notification has a header of three bytes.
         while let Some((channel, len)) = {
             let room = usize::from(connection.raw().att_mtu()) - 3;
-            insole.next(&mut value[..room.min(MAX_VALUE)])
+            insole.next(&mut value[..room.min(gatt::MAX_VALUE)])
         } {
             let value = &value[..len];
             match channel {
