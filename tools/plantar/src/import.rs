@@ -68,7 +68,8 @@ pub enum Import {
     /// Import an .asc file that the in-shoe system pedar exported, with the geometry of its insole.
     ///
     /// The geometry is a CSV file with the columns side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm, which has the area and the
-    /// four corners of each sensor. Without --side, both feet are written, to NAME.left.parquet and NAME.right.parquet for
+    /// four corners of each sensor, and optionally insole, the size of the insole: a geometry of another size than that of the
+    /// measured insoles is then refused. Without --side, both feet are written, to NAME.left.parquet and NAME.right.parquet for
     /// --out NAME.parquet.
     Pedar {
         /// The exported .asc file.

@@ -4,8 +4,12 @@
 //! Each line of the export contains the time in seconds and the pressures of both feet: first the left sensors, then the right
 //! ones. An export may also contain one foot alone, or lack sensors that a mask excluded. If its header states no unit, kPa is
 //! assumed. Lines with the mean or the maximum of all frames at the end are skipped. The geometry is a CSV file with the header
-//! `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`. Each of its lines contains the area and the corners of one sensor. Both
-//! insoles are seen from above, with x to the right and y from heel to toes; their place in this plane is arbitrary.
+//! `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm` and optionally `insole`. Each of its lines contains the area and the
+//! corners of one sensor, and the size of its insole. Both insoles are seen from above, with x to the right and y from heel to
+//! toes; their place in this plane is arbitrary.
+//!
+//! The insoles of all sizes have the same sensor numbers, but other areas. The header of the export states the type of the
+//! sensors, which begins with the size of the insole. A geometry that states another size is refused.
 
 use crate::check::{self, At};
 use crate::separators::Separators;
@@ -30,12 +34,16 @@ const LINES_PER_REPORT: usize = 1000;
 const TOTAL_TIME: &str = "total time [secs]";
 /// Largest rounding error of the stated duration, s.
 const TOTAL_ROUNDING_S: f64 = 0.05;
+/// Beginning of the line that states the type of the sensors.
+const SENSOR_TYPE: &str = "sensor type:";
 /// First word of the line that names the columns.
 const TIME_COLUMN: &str = "time[secs]";
 
-/// Header of the file that describes the geometry.
+/// Header of the file that describes the geometry, without the optional last column [`INSOLE`].
 const GEOMETRY_HEADER: [&str; 11] =
     ["side", "sensor", "area_mm2", "x1_mm", "y1_mm", "x2_mm", "y2_mm", "x3_mm", "y3_mm", "x4_mm", "y4_mm"];
+/// The column of the geometry with the size of the insole.
+const INSOLE: &str = "insole";
 
 /// Imports one foot of a measurement. `progress` receives the number of bytes of the decoded text of the export that have been
 /// read, and the size of this text, bytes, which can differ from that of the file.
@@ -51,7 +59,8 @@ pub fn import(
     Ok(import_feet(asc_path, geometry_path, &[side], progress)?.feet.remove(0))
 }
 
-/// As [`import`], for each of these feet. [`Export::remarks`] states if the export may be cut off.
+/// As [`import`], for each of these feet. [`Export::remarks`] states if the export may be cut off, and if it is not known that the
+/// geometry is that of the measured insole size.
 ///
 /// # Errors
 /// Fails in the same cases as [`import`].
@@ -66,10 +75,10 @@ pub fn import_feet(
     let asc = fs::read(asc_path).map_err(Error::io(asc_path))?;
     let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
     for &side in sides {
-        let (foot, remark) = read(&asc, asc_path, &geometry, geometry_path, side, progress)?;
+        let (foot, remarks) = read(&asc, asc_path, &geometry, geometry_path, side, progress)?;
         export.feet.push(foot);
-        // The remark is the same for both feet.
-        export.remarks = remark.into_iter().collect();
+        // The remarks are the same for both feet.
+        export.remarks = remarks;
     }
     Ok(export)
 }
@@ -82,7 +91,7 @@ pub fn parse(asc: &[u8], geometry: &[u8], side: Side) -> Result<Recording> {
     Ok(read(asc, Path::new("measurement.asc"), geometry, Path::new("geometry.csv"), side, &mut |_, _| {})?.0)
 }
 
-/// The recording of a foot, and a remark if the export may be cut off, which [`Recording::source`] contains, too.
+/// The recording of a foot, and the remarks, which [`Recording::source`] contains, too.
 fn read(
     asc: &[u8],
     asc_path: &Path,
@@ -90,11 +99,11 @@ fn read(
     geometry_path: &Path,
     side: Side,
     progress: &mut dyn FnMut(u64, u64),
-) -> Result<(Recording, Option<String>)> {
-    let all_cells = read_geometry(geometry, geometry_path, side)?;
+) -> Result<(Recording, Vec<String>)> {
     let text = decode(asc, asc_path)?;
     let mut lines = (1..).zip(text.lines());
     let header = read_header(&mut lines, asc_path)?;
+    let (all_cells, states_insole) = read_geometry(geometry, geometry_path, side, header.sensor_type.as_ref())?;
     let sensors = header.sensors_of(side, all_cells.len(), asc_path, geometry_path)?;
     let cells: Vec<Cell> = sensors.iter().map(|(_, sensor)| all_cells[sensor - 1]).collect();
     let frames = read_frames(&text, lines, asc_path, &header, &sensors, side, progress)?;
@@ -107,9 +116,24 @@ fn read(
     };
     let rate_hz = rate::of(&frames.t_s, &place)?;
     check::pressures(&frames.pressure_kpa, cells.len(), &place)?;
-    let layout = Layout { name: format!("pedar insole, {} sensors", cells.len()), cells };
+    let sensor_type = header.sensor_type.as_ref();
+    let name = sensor_type.map_or_else(String::new, |known| format!(" {}, sensor type {}", known.insole(), known.name));
+    let layout = Layout { name: format!("pedar insole{name}, {} sensors", cells.len()), cells };
     check::geometry(&layout, &geometry_path.display().to_string())?;
-    let remark = header.total_s.zip(frames.t_s.last()).and_then(|(total_s, &last_s)| {
+    let not_compared = match sensor_type {
+        Some(_) if states_insole => None,
+        Some(known) => Some(format!(
+            "The sensor type {} is that of insole size {}. The geometry does not state its size: check that it is that of this \
+             size, or add the column {INSOLE} with the size to it.",
+            known.name,
+            known.insole()
+        )),
+        None => Some(
+            "The export states no sensor type: check that the geometry is that of the size of the measured insoles."
+                .to_owned(),
+        ),
+    };
+    let cut_off = header.total_s.zip(frames.t_s.last()).and_then(|(total_s, &last_s)| {
         // The stated time may count the intervals between the frames or the frames, and be rounded.
         (total_s - last_s > 1.5 / rate_hz + TOTAL_ROUNDING_S).then(|| {
             format!(
@@ -119,14 +143,16 @@ fn read(
             )
         })
     });
+    let remarks: Vec<String> = not_compared.into_iter().chain(cut_off).collect();
     let recording = Recording {
         side,
         layout,
         rate_hz,
         source: format!(
-            "pedar measurement {}, {} insole, geometry {}, regions by template.{}{}{}",
+            "pedar measurement {}, {} insole{}, geometry {}, regions by template.{}{}{}",
             file_name(asc_path),
             side.name(),
+            sensor_type.map_or_else(String::new, |known| format!(", sensor type {}", known.name)),
             file_name(geometry_path),
             match all_cells.len() - sensors.len() {
                 0 => String::new(),
@@ -134,23 +160,28 @@ fn read(
                 masked => format!(" {masked} sensors are not in the export."),
             },
             if header.unit.is_some() { "" } else { " The export states no unit: kPa is assumed." },
-            remark.iter().map(|remark| format!(" {remark}")).collect::<String>()
+            remarks.iter().map(|remark| format!(" {remark}")).collect::<String>()
         ),
         t_s: frames.t_s,
         pressure_kpa: frames.pressure_kpa,
     };
-    Ok((recording, remark))
+    Ok((recording, remarks))
 }
 
-/// The cells of one insole in foot coordinates, in the order of the sensor numbers.
-fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
+/// The cells of one insole in foot coordinates, in the order of the sensor numbers, and whether the file states the size of the
+/// insole. `measured` is the type of the measured sensors, if it is known.
+///
+/// # Errors
+/// Fails if a line violates the format, or states another size than that of `measured`.
+fn read_geometry(text: &[u8], path: &Path, side: Side, measured: Option<&SensorType>) -> Result<(Vec<Cell>, bool)> {
     let mut reader = table::open(text);
     let header = table::header(&mut reader, path)?;
-    if !header.iter().eq(GEOMETRY_HEADER) {
+    let states_insole = header.iter().next_back() == Some(INSOLE);
+    if !header.iter().take(header.len() - usize::from(states_insole)).eq(GEOMETRY_HEADER) {
         return Err(Error::content(
             at_line(path, 1),
             "not the header of an insole geometry",
-            format!("the header is {}", GEOMETRY_HEADER.join(",")),
+            format!("the header is {} and optionally {INSOLE}", GEOMETRY_HEADER.join(",")),
         ));
     }
     let mut cells = Vec::new();
@@ -169,6 +200,24 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
         }
         if &record[0] != side.name() {
             continue;
+        }
+        if states_insole {
+            let insole = &record[GEOMETRY_HEADER.len()];
+            if insole.is_empty() {
+                return Err(empty_field(INSOLE, &place));
+            }
+            if let Some(measured) = measured.filter(|measured| !measured.insole().eq_ignore_ascii_case(insole)) {
+                return Err(Error::content(
+                    place(),
+                    format!(
+                        "a sensor of insole size `{}`, but the export states sensor type `{}`, that of insole size `{}`",
+                        shortened(insole),
+                        measured.name,
+                        measured.insole()
+                    ),
+                    format!("use the geometry of insole size {}", measured.insole()),
+                ));
+            }
         }
         if record[1].parse() != Ok(cells.len() + 1) {
             return Err(Error::content(
@@ -219,7 +268,7 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
         cell.y_mm -= back_mm;
     }
     template::assign(&mut cells);
-    Ok(cells)
+    Ok((cells, states_insole))
 }
 
 /// Centroid and area of a polygon by the shoelace formula. The corners may be listed clockwise or anticlockwise.
@@ -245,6 +294,19 @@ struct Frames {
     pressure_kpa: Vec<f32>,
 }
 
+/// The type of the sensors of both insoles.
+struct SensorType {
+    /// As in the export, such as `y-1865l-1870r-pxf306-11mar2021`.
+    name: String,
+}
+
+impl SensorType {
+    /// The size of the insole: the letters before the first hyphen.
+    fn insole(&self) -> &str {
+        self.name.split('-').next().unwrap_or_default()
+    }
+}
+
 /// The header of an export.
 struct Header {
     /// Number of the line that names the columns.
@@ -253,6 +315,7 @@ struct Header {
     total_s: Option<f64>,
     /// The unit of the pressures, if the export states it.
     unit: Option<StatedUnit>,
+    sensor_type: Option<SensorType>,
     /// The numbers of the sensors of each foot in the export.
     feet: Vec<Vec<usize>>,
     /// The foot of an export of one foot, if the mask definition states it.
@@ -308,7 +371,7 @@ pub fn feet(asc_path: impl AsRef<Path>) -> Result<usize> {
 
 /// Consumes the lines up to the line that names the columns.
 fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header> {
-    let (mut unit, mut total_s) = (None, None);
+    let (mut unit, mut total_s, mut sensor_type) = (None, None, None);
     // The sensors of both feet by the mask definition.
     let mut masks = [Vec::new(), Vec::new()];
     for (line, row) in lines {
@@ -316,6 +379,9 @@ fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path
         units::update_stated(&mut unit, row, &place)?;
         if let Some(rest) = strip_name(row, TOTAL_TIME) {
             total_s = first_number(rest);
+        }
+        if let Some(name) = strip_name(row, SENSOR_TYPE).map(str::trim).filter(|name| !name.is_empty()) {
+            sensor_type = Some(SensorType { name: shortened(name) });
         }
         for (mask, name) in masks.iter_mut().zip(["left insole:", "right insole:"]) {
             if let Some(numbers) = strip_name(row, name) {
@@ -343,7 +409,7 @@ fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path
             // The sensor numbers of a foot increase, so a number that does not increase begins the second foot.
             (sensors.chunk_by(|before, sensor| before < sensor).map(<[usize]>::to_vec).collect(), None)
         };
-        return Ok(Header { line, total_s, unit, feet, side });
+        return Ok(Header { line, total_s, unit, sensor_type, feet, side });
     }
     Err(Error::content(
         path.display().to_string(),

@@ -93,12 +93,49 @@ fn an_export_that_ends_before_its_stated_time_has_a_remark() {
         let asc = format!("total time [secs]:  {total}\ttime per frame [secs]:  0.01\tscanning rate [Hz]: 100\n{ASC}");
         std::fs::write(&paths[0], asc).unwrap();
         let export = pedar::import_feet(&paths[0], &paths[1], &[Side::Left, Side::Right], &mut |_, _| {}).unwrap();
-        assert_eq!(export.remarks.len(), usize::from(is_cut_off), "{total}: {:?}", export.remarks);
+        let remarks = export.remarks.iter().filter(|remark| remark.contains("cut off"));
+        assert_eq!(remarks.count(), usize::from(is_cut_off), "{total}: {:?}", export.remarks);
         for foot in &export.feet {
             let words = ["15.05 s, but the last frame is at 0.03 s", "cut off"];
             assert_eq!(words.iter().all(|word| foot.source.contains(word)), is_cut_off, "{}", foot.source);
         }
     }
+}
+
+/// The geometry of all sensors with the size of the insole.
+fn geometry_of(insole: &str) -> String {
+    let lines = GEOMETRY.lines().enumerate().map(|(i, line)| match i {
+        0 => format!("{line},insole\n"),
+        _ => format!("{line},{insole}\n"),
+    });
+    lines.collect()
+}
+
+#[test]
+fn a_geometry_of_another_insole_size_is_refused_and_an_unknown_size_has_a_remark() {
+    let typed = format!("file name: a.sol\nsensor type:  y-1865l-1870r-pxf306 \n{ASC}");
+    let folder = TempDir::new().unwrap();
+    let paths = ["walk.asc", "geometry.csv"].map(|name| folder.path().join(name));
+    let remarks = |asc: &str, geometry: &str| {
+        std::fs::write(&paths[0], asc).unwrap();
+        std::fs::write(&paths[1], geometry).unwrap();
+        let export = pedar::import_feet(&paths[0], &paths[1], &[Side::Left, Side::Right], &mut |_, _| {}).unwrap();
+        assert!(export.feet.iter().all(|foot| export.remarks.iter().all(|remark| foot.source.contains(remark))));
+        export.remarks.join(" ")
+    };
+    assert_eq!(remarks(&typed, &geometry_of("Y")), "");
+    let unknown = remarks(&typed, GEOMETRY);
+    assert!(unknown.contains("insole size y") && unknown.contains("column insole"), "{unknown}");
+    for geometry in [GEOMETRY, &geometry_of("y")] {
+        let untyped = remarks(ASC, geometry);
+        assert!(untyped.contains("no sensor type"), "{untyped}");
+    }
+    let foot = import(&typed, &geometry_of("y"), Side::Right).unwrap();
+    assert_eq!(foot.layout.name, "pedar insole y, sensor type y-1865l-1870r-pxf306, 2 sensors");
+    assert!(foot.source.contains("right insole, sensor type y-1865l-1870r-pxf306, geometry"), "{}", foot.source);
+    let words = ["geometry.csv:2: ", "insole size `x`", "`y-1865l-1870r-pxf306`", "use the geometry of insole size y"];
+    assert_refused(&typed, &geometry_of("x"), &words);
+    assert_refused(&typed, &geometry_of(""), &["geometry.csv:2: ", "an empty field in column insole"]);
 }
 
 #[track_caller]
