@@ -51,7 +51,8 @@ pub enum Import {
     /// from 0. x increases towards the lateral side of the foot, y from heel to toes. Without the column region, a template
     /// divides the foot into regions. The pressures are in a file with the columns t_s,c0,c1,...: time in s, and the pressure of
     /// each cell in kPa. The times must be uniform, unless --rate resamples the frames: then the times need only increase, but no
-    /// interval may be longer than 0.1 s, or than 1.5 times the median interval if this is longer.
+    /// interval may be longer than 0.1 s, or than 1.5 times the median interval if this is longer. Semicolons with decimal commas
+    /// may separate the fields instead of commas with decimal points. Negative pressures are read as 0.
     Csv {
         /// The file with the layout of the cells.
         #[arg(long, value_name = "FILE")]

@@ -3,9 +3,12 @@
 //! The layout has the header `cell,x_mm,y_mm,area_mm2` and optionally `region`. Cells are numbered from 0 without gaps. Their
 //! positions are in foot coordinates ([`Cell`]). If the layout has no regions, [`template`] assigns them. The frames have the
 //! header `t_s,c0,c1,...`: time in seconds and the pressure of each cell in kPa. Unless the frames are resampled, the times must
-//! be uniform.
+//! be uniform. A negative pressure is read as 0. In both files, semicolons may separate the fields; numbers may then have decimal
+//! commas.
 
 use crate::check::{self, At};
+use crate::negatives::Negatives;
+use crate::separators::Separators;
 use crate::table::{self, Lines, at_line, check_later, check_width, empty_field, file_name, number, unreadable};
 use crate::text::shortened;
 use crate::{Cell, Error, Layout, Recording, Result, gaps, names, rate, template};
@@ -25,8 +28,9 @@ const ASPECTS: [f64; 5] = [1.0, 2.0, 0.5, 4.0, 0.25];
 const ROWS_PER_REPORT: usize = 1000;
 
 /// Imports one foot. With `rate_hz`, the frames are resampled to this rate ([`Recording::at_rate`]), so that the intervals
-/// between their times may differ; [`Recording::source`] states how many are longer than usual. `progress` receives the number of
-/// bytes that have been read from the file of frames, and the size of that file.
+/// between their times may differ; [`Recording::source`] states how many are longer than usual, and how many negative pressures
+/// were read as 0. `progress` receives the number of bytes that have been read from the file of frames, and the size of that
+/// file.
 ///
 /// # Errors
 /// Fails if a file cannot be read, violates the format or contains impossible values. The message names the file and, if one
@@ -82,6 +86,9 @@ fn read(
     if let Some(sentences) = resampled_hz.and_then(|_| gaps::long_intervals(&frames.t_s)) {
         source += &format!(" {sentences}");
     }
+    if let Some(remark) = frames.negatives.remark(side) {
+        source += &format!(" {remark}");
+    }
     let recording = Recording { side, rate_hz, source, layout, t_s: frames.t_s, pressure_kpa: frames.pressure_kpa };
     match resampled_hz {
         None => Ok(recording),
@@ -90,7 +97,7 @@ fn read(
 }
 
 fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
-    let mut reader = table::open(from);
+    let mut reader = table::open(from, path)?;
     let header = table::header(&mut reader, path)?;
     let columns = layout_columns(&header, path)?;
     // (cell number, line, cell), sorted by number below.
@@ -276,6 +283,7 @@ struct Frames {
     lines: Vec<u64>,
     /// All cells of the first frame, then those of the second one, and so on.
     pressure_kpa: Vec<f32>,
+    negatives: Negatives,
 }
 
 fn read_frames(
@@ -285,10 +293,13 @@ fn read_frames(
     cells: usize,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Frames> {
-    let mut reader = table::open(from);
+    let mut reader = table::open(from, path)?;
     let header = table::header(&mut reader, path)?;
     check_frames_header(&header, path, layout_path, cells)?;
-    let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
+    let has_decimal_commas = reader.get_ref().has_decimal_commas;
+    let mut frames =
+        Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new(), negatives: Negatives::default() };
+    let mut separators = Separators::default();
     let (lines, mut record) = (Lines::after_header(&reader), ByteRecord::new());
     while reader.read_byte_record(&mut record).map_err(|e| unreadable(path, e))? {
         let line = lines.of(&reader, record.position());
@@ -300,13 +311,17 @@ fn read_frames(
         frames.t_s.push(now_s);
         frames.lines.push(line);
         for column in 1..record.len() {
-            let kpa = table::pressure(field(column), &header[column], "kPa", &place)?;
-            frames.pressure_kpa.push(kpa);
+            if has_decimal_commas {
+                separators.add(field(column), line);
+            }
+            let kpa = number(field(column), &header[column], &place)? as f32;
+            frames.pressure_kpa.push(frames.negatives.clip(kpa));
         }
         if frames.lines.len().is_multiple_of(ROWS_PER_REPORT) {
             progress(reader.position().byte());
         }
     }
+    separators.check(path)?;
     Ok(frames)
 }
 

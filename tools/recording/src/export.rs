@@ -1,7 +1,7 @@
 //! The exports of vendors' programs: their formats, and how a file's format is recognised from its content.
 
 use crate::footprint::capitalised;
-use crate::table::not_commas;
+use crate::table::tabs;
 use crate::text::{decode, strip_name};
 use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, pliance, tekscan, xsensor};
 use plantar::Side;
@@ -88,8 +88,8 @@ impl Format {
     ///
     /// # Errors
     /// Fails if the file has none of these formats. For a recording, and for the formats of pedar, CSV and jiku-data, which need
-    /// further arguments, the message names the command that reads the file. For CSV with another separator than a comma, it
-    /// names the separator.
+    /// further arguments, the message names the command that reads the file. For CSV with tabs between the fields, it names the
+    /// accepted separators.
     pub fn recognise(bytes: &[u8], path: &Path) -> Result<Self> {
         let file = || path.display().to_string();
         let refuse = |problem: &str, remedy: &str| Err(Error::content(file(), problem, remedy));
@@ -121,10 +121,8 @@ impl Format {
             return refuse("a pedar export", "use plantar import pedar with --geometry, the geometry of its insole");
         }
         let first_field = first_line.split([',', ';', '\t']).next().unwrap_or_default();
-        if ["t_s", "cell", "side"].contains(&first_field)
-            && let Some(separator @ (';' | '\t')) = first_line[first_field.len()..].chars().next()
-        {
-            return Err(not_commas(path, separator));
+        if ["t_s", "cell", "side"].contains(&first_field) && first_line[first_field.len()..].starts_with('\t') {
+            return Err(tabs(path));
         }
         if ["t_s", "cell"].contains(&first_field) {
             return refuse("frames or a layout in CSV", "use plantar import csv with --layout, --frames and --side");

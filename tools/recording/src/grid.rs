@@ -3,8 +3,9 @@
 use crate::assembly::UncheckedRecording;
 use crate::footprint::{Footprint, capitalised};
 use crate::gaps::{GAP_INTERVALS, median_interval_s};
+use crate::negatives::Negatives;
 use crate::rate::MIN_HZ;
-use crate::text::{seconds, significant};
+use crate::text::seconds;
 use crate::{Cell, Error, MAX_CELLS, Recording, Result, check, template};
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::{Region, Side};
@@ -67,10 +68,7 @@ pub struct Frames {
     /// Time of each frame, s.
     pub t_s: Vec<f64>,
     loads: Vec<Load>,
-    /// Number of negative pressures, which are read as 0.
-    negatives: usize,
-    /// The lowest of these pressures, kPa; 0 if there are none.
-    lowest_kpa: f32,
+    negatives: Negatives,
 }
 
 /// The pressure of one loaded cell in one frame.
@@ -90,11 +88,10 @@ impl Frames {
     /// Adds the pressure of the cell at this row and column to the last frame that began. A negative pressure counts as 0, and
     /// [`Foot::recording`] adds a remark about it.
     pub fn add(&mut self, row: usize, column: usize, kpa: f32) {
+        let kpa = self.negatives.clip(kpa);
         if kpa > 0.0 {
             self.loads.push(Load { frame: self.t_s.len().saturating_sub(1), cell: (row, column), kpa });
         }
-        self.negatives += usize::from(kpa < 0.0);
-        self.lowest_kpa = self.lowest_kpa.min(kpa);
     }
 
     /// The same frames with unloaded frames for [`SWING_S`] before and after them. The interval between unloaded frames is the
@@ -254,15 +251,7 @@ impl Foot {
         if side == Side::Left {
             cells.iter_mut().for_each(|cell| cell.x_mm = -cell.x_mm);
         }
-        if frames.negatives > 0 {
-            remarks.push(format!(
-                "{} foot: negative pressures that were read as 0, in all frames together: {}. The lowest one is {} \
-                 kPa.",
-                capitalised(side),
-                frames.negatives,
-                significant(frames.lowest_kpa.into())
-            ));
-        }
+        remarks.extend(frames.negatives.remark(side));
         place_at_origin(&mut cells, &under_foot, half_mm);
         note_partial_foot(&cells, &under_foot, half_mm, side, remarks);
         template::assign_within(&mut cells, &under_foot);

@@ -37,6 +37,7 @@ mod insole;
 mod layout;
 mod least_squares;
 mod names;
+mod negatives;
 mod pages;
 mod parts;
 mod rate;

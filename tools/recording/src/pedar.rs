@@ -3,19 +3,21 @@
 //!
 //! Each line of the export contains the time in seconds and the pressures of both feet: first the left sensors, then the right
 //! ones. An export may also contain one foot alone, or lack sensors that a mask excluded. If its header states no unit, kPa is
-//! assumed. Lines with the mean or the maximum of all frames at the end are skipped. The geometry is a CSV file with the header
-//! `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm` and optionally `insole`. Each of its lines contains the area and the
-//! corners of one sensor, and the size of its insole. Both insoles are seen from above, with x to the right and y from heel to
-//! toes; their place in this plane is arbitrary.
+//! assumed. A negative pressure is read as 0. Lines with the mean or the maximum of all frames at the end are skipped.
+//!
+//! The geometry is a CSV file with the header `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm` and optionally `insole`. Each of
+//! its lines contains the area and the corners of one sensor, and the size of its insole. Both insoles are seen from above, with
+//! x to the right and y from heel to toes; their place in this plane is arbitrary.
 //!
 //! The insoles of all sizes have the same sensor numbers, but other areas. The header of the export states the type of the
 //! sensors, which begins with the size of the insole. A geometry that states another size is refused.
 
 use crate::check::{self, At};
+use crate::negatives::Negatives;
 use crate::separators::Separators;
 use crate::table::{
     self, Lines, another_measurement, at_line, check_blanks, check_later, check_width, empty_field, file_name, number,
-    pressure, unreadable,
+    unreadable,
 };
 use crate::text::{decode, first_number, parse_number, seconds, shortened, strip_name};
 use crate::units::StatedUnit;
@@ -59,8 +61,8 @@ pub fn import(
     Ok(import_feet(asc_path, geometry_path, &[side], progress)?.feet.remove(0))
 }
 
-/// As [`import`], for each of these feet. [`Export::remarks`] states if the export may be cut off, and if it is not known that the
-/// geometry is that of the measured insole size.
+/// As [`import`], for each of these feet. [`Export::remarks`] states if the export may be cut off, if it is not known that the
+/// geometry is that of the measured insole size, and how many negative pressures were read as 0.
 ///
 /// # Errors
 /// Fails in the same cases as [`import`].
@@ -77,8 +79,12 @@ pub fn import_feet(
     for &side in sides {
         let (foot, remarks) = read(&asc, asc_path, &geometry, geometry_path, side, progress)?;
         export.feet.push(foot);
-        // The remarks are the same for both feet.
-        export.remarks = remarks;
+        for remark in remarks {
+            // Most remarks are the same for both feet.
+            if !export.remarks.contains(&remark) {
+                export.remarks.push(remark);
+            }
+        }
     }
     Ok(export)
 }
@@ -143,7 +149,7 @@ fn read(
             )
         })
     });
-    let remarks: Vec<String> = not_compared.into_iter().chain(cut_off).collect();
+    let remarks: Vec<String> = not_compared.into_iter().chain(cut_off).chain(frames.negatives.remark(side)).collect();
     let recording = Recording {
         side,
         layout,
@@ -174,7 +180,7 @@ fn read(
 /// # Errors
 /// Fails if a line violates the format, or states another size than that of `measured`.
 fn read_geometry(text: &[u8], path: &Path, side: Side, measured: Option<&SensorType>) -> Result<(Vec<Cell>, bool)> {
-    let mut reader = table::open(text);
+    let mut reader = table::open(text, path)?;
     let header = table::header(&mut reader, path)?;
     let states_insole = header.iter().next_back() == Some(INSOLE);
     if !header.iter().take(header.len() - usize::from(states_insole)).eq(GEOMETRY_HEADER) {
@@ -210,7 +216,8 @@ fn read_geometry(text: &[u8], path: &Path, side: Side, measured: Option<&SensorT
                 return Err(Error::content(
                     place(),
                     format!(
-                        "a sensor of insole size `{}`, but the export states sensor type `{}`, that of insole size `{}`",
+                        "a sensor of insole size `{}`, but the export states sensor type `{}`, that of insole size \
+                         `{}`",
                         shortened(insole),
                         measured.name,
                         measured.insole()
@@ -292,6 +299,7 @@ struct Frames {
     lines: Vec<u64>,
     /// All cells of the first frame, then those of the second one, and so on.
     pressure_kpa: Vec<f32>,
+    negatives: Negatives,
 }
 
 /// The type of the sensors of both insoles.
@@ -429,9 +437,10 @@ fn read_frames<'a>(
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Frames> {
     let total_bytes = text.len() as u64;
-    let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
+    let mut frames =
+        Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new(), negatives: Negatives::default() };
     let mut separators = Separators::default();
-    let (unit, kpa_per_unit) = header.unit.as_ref().map_or(("kPa", 1.0), |unit| (unit.name.as_str(), unit.kpa));
+    let kpa_per_unit = header.unit.as_ref().map_or(1.0, |unit| unit.kpa) as f32;
     while let Some((line, row)) = lines.next() {
         // Some programs write decimal commas.
         let row_with_points = row.replace(',', ".");
@@ -462,8 +471,8 @@ fn read_frames<'a>(
         frames.lines.push(line);
         for &(column, sensor) in sensors {
             let name = format!("{} {sensor}", side.name());
-            let value = pressure(fields[column], &name, unit, &place)?;
-            frames.pressure_kpa.push(kpa_per_unit as f32 * value);
+            let kpa = kpa_per_unit * number(fields[column], &name, &place)? as f32;
+            frames.pressure_kpa.push(frames.negatives.clip(kpa));
         }
         if frames.lines.len().is_multiple_of(LINES_PER_REPORT) {
             let done_bytes = row.as_ptr() as usize - text.as_ptr() as usize;

@@ -7,7 +7,7 @@
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::separators::Separators;
-use crate::table::{another_measurement, at_line, check_blanks, check_later, check_width, file_name, pressure};
+use crate::table::{another_measurement, at_line, check_blanks, check_later, check_width, file_name};
 use crate::text::{decode, number, parse_number, strip_name};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
@@ -52,7 +52,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             break names.split_whitespace().count();
         }
     };
-    let (unit, kpa_per_unit) = stated_unit.as_ref().map_or(("kPa", 1.0), |unit| (unit.name.as_str(), unit.kpa));
+    let kpa_per_unit = stated_unit.as_ref().map_or(1.0, |unit| unit.kpa) as f32;
     let places = places(&text, sensors, path)?;
     let (mut frames, mut separators) = (Frames::default(), Separators::default());
     while let Some((line, row)) = lines.next() {
@@ -82,8 +82,8 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         row.split_whitespace().skip(1).for_each(|field| separators.add(field, line));
         frames.begin(now_s);
         for (i, (field, (row, column))) in fields[1..].iter().zip(&places.cells).enumerate() {
-            let value = pressure(field, &format!("{}", i + 2), unit, &place)?;
-            frames.add(*row, *column, value * kpa_per_unit as f32);
+            let value = number(field, &format!("the pressure in column {}", i + 2), &place)?;
+            frames.add(*row, *column, value as f32 * kpa_per_unit);
         }
     }
     let is_table =

@@ -3,39 +3,63 @@
 use crate::text::shortened;
 use crate::{Error, Result};
 use csv::{ErrorKind, Position, Reader, ReaderBuilder, StringRecord, Trim};
-use std::io::Read;
+use std::io::{self, BufRead, BufReader, Chain, Cursor, Read};
 use std::path::Path;
 
+/// The text of a CSV file. If the fields are separated by semicolons, as in the files of a spreadsheet in a region with decimal
+/// commas, a point replaces each comma.
+pub struct Text<R> {
+    bytes: Chain<Cursor<Vec<u8>>, BufReader<R>>,
+    /// True if semicolons separate the fields, so that commas are decimal commas.
+    pub has_decimal_commas: bool,
+}
+
+impl<R: Read> Read for Text<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.bytes.read(buffer)?;
+        if self.has_decimal_commas {
+            buffer[..read].iter_mut().filter(|byte| **byte == b',').for_each(|byte| *byte = b'.');
+        }
+        Ok(read)
+    }
+}
+
 /// A CSV reader that accepts lines with any number of fields. [`check_width`] checks the number instead, and has a better
-/// message.
-pub fn open<R: Read>(from: R) -> Reader<R> {
-    ReaderBuilder::new().trim(Trim::All).flexible(true).from_reader(from)
+/// message. Semicolons separate the fields if the header contains one, because no name of a column does; otherwise commas do.
+///
+/// # Errors
+/// Fails if the header cannot be read. The message names `file`.
+pub fn open<R: Read>(from: R, file: &Path) -> Result<Reader<Text<R>>> {
+    let (mut rest, mut header) = (BufReader::new(from), Vec::new());
+    while rest.read_until(b'\n', &mut header).map_err(Error::io(file))? > 0 && header.trim_ascii().is_empty() {}
+    let has_decimal_commas = header.contains(&b';');
+    let delimiter = if has_decimal_commas { b';' } else { b',' };
+    let text = Text { bytes: Cursor::new(header).chain(rest), has_decimal_commas };
+    Ok(ReaderBuilder::new().trim(Trim::All).flexible(true).delimiter(delimiter).from_reader(text))
 }
 
 /// The header of a CSV file, its first line.
 ///
 /// # Errors
-/// Fails if the file cannot be read or is empty, or if semicolons or tabs separate its fields.
+/// Fails if the file cannot be read or is empty, or if tabs separate its fields.
 pub fn header<R: Read>(reader: &mut Reader<R>, file: &Path) -> Result<StringRecord> {
     let header = reader.headers().map_err(|error| unreadable(file, error))?.clone();
     if header.is_empty() {
         return Err(Error::content(at_line(file, 1), "the file is empty", "export or write it again"));
     }
-    // No name of a column contains a semicolon or a tab, so the first one separates the fields.
-    match header.get(0).unwrap_or_default().chars().find(|c| [';', '\t'].contains(c)) {
-        Some(separator) => Err(not_commas(file, separator)),
-        None => Ok(header),
+    // No name of a column contains a tab.
+    match header.get(0).unwrap_or_default().contains('\t') {
+        true => Err(tabs(file)),
+        false => Ok(header),
     }
 }
 
-/// The error for a CSV file in which a semicolon or a tab separates the fields.
-pub fn not_commas(file: &Path, separator: char) -> Error {
-    let name = if separator == '\t' { "a tab".to_owned() } else { format!("`{separator}`") };
+/// The error for a CSV file in which tabs separate the fields.
+pub fn tabs(file: &Path) -> Error {
     Error::content(
         at_line(file, 1),
-        format!("{name} separates the fields, expected `,` between the fields and `.` in decimal numbers"),
-        "save the file with commas between the fields and decimal points; a spreadsheet does so if its region is the United \
-         States",
+        "a tab separates the fields, expected `,` with decimal points or `;` with decimal commas",
+        "save the file as CSV, with commas or semicolons between the fields",
     )
 }
 
@@ -103,19 +127,6 @@ pub fn empty_field(column: &str, place: &dyn Fn() -> String) -> Error {
         format!("an empty field in column {}", shortened(column)),
         "fill the field; if the rows at the end of the file are empty, delete them",
     )
-}
-
-/// As [`number`], for a pressure, which must be finite and not negative. `unit` is its unit in the file and in messages.
-pub fn pressure(field: &str, column: &str, unit: &str, place: &dyn Fn() -> String) -> Result<f32> {
-    let value = number(field, column, place)? as f32;
-    if (0.0..=f32::MAX).contains(&value) {
-        return Ok(value);
-    }
-    Err(Error::content(
-        place(),
-        format!("the pressure {} {unit} in column {column} is negative or too large", shortened(field)),
-        "pressures are finite numbers of at least 0; repair or remove the frame",
-    ))
 }
 
 /// The error for a second measurement in a file. Messages begin with `place`, the line where it begins.

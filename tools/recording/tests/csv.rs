@@ -132,13 +132,44 @@ fn unknown_and_missing_layout_columns_are_rejected() {
 
 /// As a spreadsheet of a region with decimal commas writes them.
 #[test]
-fn semicolons_and_tabs_between_the_fields_are_named() {
-    for (separator, shown) in [(";", "`;` separates"), ("\t", "a tab separates")] {
-        let with = |text: &str| text.replace(',', separator).replace('.', ",");
-        let expected = [shown, "expected `,`", "decimal points"];
-        assert_refused(&with(LAYOUT), FRAMES, &[&["layout.csv:1"][..], &expected].concat());
-        assert_refused(LAYOUT, &with(FRAMES), &[&["frames.csv:1"][..], &expected].concat());
+fn semicolons_with_decimal_commas_or_points_yield_the_same_recording() {
+    let (layout, frames) =
+        (LAYOUT.replace(",15,", ",15.25,"), FRAMES.replace(",3,", ",-0.5,").replace(",6\n", ",6.75\n"));
+    let usual = import(&layout, &frames).unwrap();
+    assert_eq!((usual.layout.cells[1].x_mm, usual.pressure_kpa[5]), (15.25, 6.75));
+    let with_points = |text: &str| text.replace(',', ";");
+    let with_commas = |text: &str| with_points(text).replace('.', ",");
+    for (layout, frames) in [
+        (with_commas(&layout), with_commas(&frames)),
+        (with_points(&layout), with_points(&frames)),
+        (with_commas(&layout), frames.clone()),
+        (layout.clone(), format!("\u{feff}{}", with_commas(&frames).replace('\n', "\r\n"))),
+    ] {
+        assert_eq!(import(&layout, &frames).unwrap(), usual, "{layout}{frames}");
     }
+    assert_refused(LAYOUT, &with_commas(FRAMES).replace(";3;", ";3,5,5;"), &["frames.csv:3", "column c0"]);
+    // The separator of 1.028 may separate thousands.
+    let thousands = with_commas(FRAMES).replace(";3;4", ";1.028;750");
+    assert_refused(LAYOUT, &thousands, &["frames.csv:3", "`1.028`", "thousands"]);
+}
+
+#[test]
+fn tabs_between_the_fields_are_named() {
+    let with_tabs = |text: &str| text.replace(',', "\t");
+    let expected = ["a tab separates", "expected `,`", "decimal points"];
+    assert_refused(&with_tabs(LAYOUT), FRAMES, &[&["layout.csv:1"][..], &expected].concat());
+    assert_refused(LAYOUT, &with_tabs(FRAMES), &[&["frames.csv:1"][..], &expected].concat());
+}
+
+/// As after the subtraction of a baseline.
+#[test]
+fn negative_pressures_are_read_as_zero_and_counted_in_the_source() {
+    let recording = import(LAYOUT, &FRAMES.replace("0.01,3,4", "0.01,-0.5,-2.25")).unwrap();
+    assert_eq!(recording.pressure_kpa, [1.0, 2.0, 0.0, 0.0, 5.0, 6.0]);
+    let counted =
+        "Left foot: negative pressures that were read as 0, in all frames together: 2. The lowest one is -2.25 kPa.";
+    assert!(recording.source.ends_with(counted), "{}", recording.source);
+    assert!(!import(LAYOUT, FRAMES).unwrap().source.contains("negative"));
 }
 
 #[test]
@@ -234,9 +265,8 @@ fn invalid_frame_rows_are_rejected() {
         refused("0.01,3,", &format!("0.01,{bad},"), &["frames.csv:3", "column c0", "finite number"]);
     }
     refused("0.01,3,", "0.01,,", &["frames.csv:3", "an empty field in column c0", "fill the field"]);
-    refused("0.01,3,", "0.01,-3,", &["frames.csv:3", "pressure -3", "c0", "at least 0"]);
     refused("0.01,3,", "0.01,1e300,", &["frames.csv:3", "c0"]);
-    let (long, shown) = (format!("0.01,-{}1,", "0".repeat(100)), format!("-{}... kPa", "0".repeat(59)));
+    let (long, shown) = (format!("0.01,{}x,", "0".repeat(100)), format!("`{}...` in column c0", "0".repeat(60)));
     refused("0.01,3,", &long, &["frames.csv:3", &shown]);
     refused("0.01,3,", "0.01,60000,", &["frames.csv:3", "c0", "60000 kPa", "0 to 50000 kPa"]);
     refused("0.02,", "0.00,", &["frames.csv:4", "backwards"]);

@@ -120,7 +120,16 @@ fn damaged_files_are_refused_with_the_place_and_a_remedy() {
     });
     assert_message(parse(&doubled.collect::<String>()), "step.asc: ", &["same place"]);
     assert_message(changed("\n5.01000 0.000", "\n5.01000"), "step.asc:8: ", &["330 columns"]);
-    assert_message(changed("\n5.01000 0.000", "\n5.01000 -1"), "step.asc:8: ", &["-1 kPa", "at least 0"]);
-    let in_bars = text.replacen("kPa", "bar", 1).replacen("\n5.01000 0.000", "\n5.01000 -1", 1);
-    assert_message(parse(&in_bars), "step.asc:8: ", &["-1 bar"]);
+    assert_message(changed("\n5.01000 0.000", "\n5.01000 x"), "step.asc:8: ", &["column 2", "`x`"]);
+}
+
+#[test]
+fn a_negative_pressure_is_read_as_zero_with_a_remark() {
+    let text = text(Side::Right);
+    let clean = parse(&text).unwrap();
+    let negative = parse(&text.replacen("\n5.01000 0.000", "\n5.01000 -1.25", 1)).unwrap();
+    assert_eq!(negative.feet[0].pressure_kpa, clean.feet[0].pressure_kpa);
+    let remarks = negative.remarks.join(" ");
+    assert!(remarks.contains("together: 1. The lowest one is -1.25 kPa."), "{remarks}");
+    assert!(!clean.remarks.join(" ").contains("negative"));
 }
