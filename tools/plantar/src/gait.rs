@@ -16,6 +16,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost};
+use recording::export::ONE_CONTACT;
 use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -105,9 +106,17 @@ impl Origin {
     }
 }
 
-/// Prints a note on stderr if the texts on the origins of the recordings of two feet name different measurements.
+/// Prints a note on stderr if the texts on the origins of the recordings of two feet name different measurements, or single
+/// contacts on a plate.
 pub fn note_different_origins(first: &str, second: &str) {
-    if !is_same_but_for_the_foot(first, second) {
+    if [first, second].iter().any(|source| source.contains(ONE_CONTACT)) {
+        eprintln!(
+            "note: the recordings ({:?} and {:?}) are not on one clock, because an export of a single contact has times of its \
+             own: measures that compare the times of both feet, such as double support, are not valid",
+            measurement(first),
+            measurement(second)
+        );
+    } else if !is_same_but_for_the_foot(first, second) {
         eprintln!(
             "note: the recordings have different origins ({:?} and {:?}): measures of both feet, such as double support and \
              symmetry, are valid only if both feet were recorded in the same walk, on one clock",

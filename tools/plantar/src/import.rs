@@ -18,7 +18,8 @@ pub enum Import {
     /// The files are of one measurement: one file with both feet, or a file for each foot. Both feet are written to
     /// NAME.left.parquet and NAME.right.parquet for --out NAME.parquet, with times on one clock, except for a footscan export in
     /// which the times of each foot may begin with its own contact; the import then says so. Two files are taken to begin at the
-    /// same moment, except those of Tekscan, in which the frames of both feet are numbered from a common start.
+    /// same moment, except those of Tekscan, in which the frames of both feet are numbered from a common start, and those of
+    /// single contacts on a plate, which are not on one clock; the import says so.
     Auto {
         /// The exported files.
         #[arg(required = true)]

@@ -56,6 +56,21 @@ fn feet_of_different_measurements_are_noted() {
     assert!(folder.path().join("b.left.parquet").exists() && folder.path().join("b.right.parquet").exists());
 }
 
+/// Each emed export is one contact, so that the two feet were not on the plate at the same moment.
+#[test]
+fn two_single_contacts_are_noted_as_not_on_one_clock() {
+    let folder = folder();
+    write_export(&folder, "emed", "Pict-No", "Pict-No", "S1_L.lst");
+    write_export(&folder, "emed", "Pict-No", "Pict-No", "S1_R.lst");
+    let is_noted =
+        |text: &str| ["note:", "S1_L.lst", "S1_R.lst", "not on one clock"].iter().all(|word| text.contains(word));
+    let (is_ok, _, text) = plantar(&folder, "import auto S1_L.lst S1_R.lst --out a.parquet");
+    assert!(is_ok && is_noted(&text), "{text}");
+    // The statement remains in the recordings.
+    let (_, _, text) = plantar(&folder, "gait a.left.parquet a.right.parquet");
+    assert!(is_noted(&text), "{text}");
+}
+
 #[test]
 fn a_side_with_several_files_is_refused() {
     let folder = folder();

@@ -5,10 +5,11 @@
 //! contain forces in N, with which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped.
 //! Rows are numbered from the top, as seen from above.
 
+use crate::export::ONE_CONTACT;
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, SWING_S, Toes, check_period};
 use crate::separators::Separators;
 use crate::table::{at_line, file_name};
-use crate::text::{decode, first_number, number, shortened};
+use crate::text::{decode, first_number, number, shortened, side_of};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
 use std::collections::BTreeSet;
@@ -29,7 +30,8 @@ pub fn recognise(text: &str) -> bool {
     has(PICTURE) && (has("Sensor size") || has("Sensor area"))
 }
 
-/// Imports a step. `side` states the foot; without it, the shape of the footprint decides.
+/// Imports a step. `side` states the foot; without it, the end of the file's name (L, R, left or right) does. If this does not
+/// state it either, the shape of the footprint decides.
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
@@ -71,13 +73,15 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             _ => format!(" {summaries} pages without a frame were skipped."),
         },
     )];
+    let named = side_of(&file_name(path));
     let foot = Foot {
         side,
+        named,
         grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::AlongMovement },
-        frames: frames.with_swing(side, path, &mut remarks)?,
+        frames: frames.with_swing(side.or(named), path, &mut remarks)?,
         name: "emed plate".to_owned(),
         source: format!(
-            "emed measurement {}, {SWING_S} s without load added before and after, regions by template.",
+            "emed measurement {}, {SWING_S} s without load added before and after, regions by template. {ONE_CONTACT}",
             file_name(path)
         ),
     };

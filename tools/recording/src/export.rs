@@ -8,6 +8,11 @@ use plantar::Side;
 use std::fs;
 use std::path::Path;
 
+/// The sentence in [`Recording::source`] of a foot from an export of a plate or mat that contains this contact alone. Exports of
+/// two such contacts are never of the same moment.
+pub const ONE_CONTACT: &str =
+    "The export contains one contact: its times are not on one clock with those of another export.";
+
 /// The content of an export.
 #[derive(Debug)]
 pub struct Export {

@@ -4,9 +4,10 @@
 //! `Left foot data` or `Right foot data` begins a foot. Each frame begins with `Frame`, its number and its time in ms, and
 //! contains the force on each cell in N. The first row is at the lower edge of the picture of the plate in plan view.
 
+use crate::export::ONE_CONTACT;
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, SWING_S, Toes};
 use crate::table::{at_line, file_name};
-use crate::text::{decode, first_number, number, shortened};
+use crate::text::{decode, first_number, number, shortened, side_of};
 use crate::{Error, Export, Result, units, xls};
 use plantar::Side;
 use std::path::Path;
@@ -76,7 +77,8 @@ fn check_no_pressure_unit(fields: &[Rc<str>], place: &dyn Fn() -> String) -> Res
     Err(Error::content(place(), problem, "export the dynamic roll off with the force on each cell, in N"))
 }
 
-/// Imports the feet of an export. `side` restricts the import to one foot, or states the foot if the export does not.
+/// Imports the feet of an export. `side` restricts the import to one foot, or states the foot if the export does not. Without it,
+/// the end of the file's name (L, R, left or right) states the foot of such an export, or else the shape of the footprint does.
 ///
 /// # Errors
 /// Fails if the file is damaged or a line violates the format. The message names file, line and remedy.
@@ -151,22 +153,26 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         *rows_read += 1;
     }
     let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
-    let wanted = feet
-        .into_iter()
-        .filter(|foot| !foot.rows.is_empty() && (foot.side.is_none() || side.is_none() || foot.side == side));
+    feet.retain(|foot| !foot.rows.is_empty());
+    let one_contact = if feet.len() == 1 { format!(" {ONE_CONTACT}") } else { String::new() };
+    let wanted = feet.into_iter().filter(|foot| foot.side.is_none() || side.is_none() || foot.side == side);
     let mut starts_s = Vec::new();
     for foot in wanted {
         foot.check_rows(path)?;
         let ReadFoot { side: stated, frames, .. } = foot;
         let side = stated.or(side);
+        // With the foot in the export, the name of the file is not needed, and may be that of both feet.
+        let named = if stated.is_none() { side_of(&file_name(path)) } else { None };
         starts_s.extend(frames.loaded_start_s());
         let foot = Foot {
             side,
+            named,
             grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::AlongMovement },
-            frames: frames.with_swing(side, path, &mut export.remarks)?,
+            frames: frames.with_swing(side.or(named), path, &mut export.remarks)?,
             name: "footscan plate".to_owned(),
             source: format!(
-                "footscan measurement {}, {SWING_S} s without load added before and after, regions by template.",
+                "footscan measurement {}, {SWING_S} s without load added before and after, regions by \
+                 template.{one_contact}",
                 file_name(path)
             ),
         };

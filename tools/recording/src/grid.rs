@@ -174,9 +174,11 @@ impl Frames {
 
 /// A foot on a matrix sensor.
 pub struct Foot {
-    /// The foot; `None` if the export does not state it. It is then determined from the shape of the footprint; if the shape does
-    /// not show which foot it is, the right foot is assumed.
+    /// The foot, if the user or the content of the export states it.
     pub side: Option<Side>,
+    /// The foot that the name of the file states. It is used if `side` is `None`. If both are `None`, the shape of the footprint
+    /// decides; if the shape does not show which foot it is, the right foot is assumed.
+    pub named: Option<Side>,
     pub grid: Grid,
     pub frames: Frames,
     /// Name of the layout.
@@ -192,7 +194,8 @@ impl Foot {
     /// # Errors
     /// Fails if no cell is ever loaded, or the frames violate a rule of recordings. Messages name `path`.
     pub fn recording(self, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
-        let Self { side, grid, mut frames, name, source } = self;
+        let Self { side: stated, named, grid, mut frames, name, source } = self;
+        let side = stated.or(named);
         let file = path.display().to_string();
         let mut indices: BTreeMap<_, usize> = frames.loads.iter().map(|load| (load.cell, 0)).collect();
         if indices.is_empty() {
@@ -235,8 +238,24 @@ impl Foot {
             }
         }
         let footprint = Footprint { cells: &cells, under_foot: &under_foot, pressure_kpa: &pressure_kpa };
+        let by_shape = footprint.side();
+        match (stated, named, by_shape) {
+            (Some(stated), Some(named), _) if stated != named => remarks.push(format!(
+                "The export is named as one of the {} foot, but it was imported as the {} foot.",
+                named.name(),
+                stated.name()
+            )),
+            (None, Some(named), Some(by_shape)) if by_shape != named && grid.toes == Toes::AlongMovement => {
+                remarks.push(format!(
+                    "By the name of the file, it is the {} foot, and it was imported as such, but the footprint has the shape of \
+                     the {} foot. If the name is wrong, use --side.",
+                    named.name(),
+                    by_shape.name()
+                ));
+            }
+            _ => {}
+        }
         let side = side.unwrap_or_else(|| {
-            let by_shape = footprint.side();
             let side = by_shape.unwrap_or(Side::Right);
             let reason = match by_shape {
                 Some(_) => "By the shape of the footprint, it is",

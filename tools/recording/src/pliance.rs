@@ -5,10 +5,11 @@
 //! may follow. The lines from `x[0]` to `y[3]`, or from `x[1]` to `y[4]`, state the corners of the sensors in cm, x to the right
 //! and y to the top, as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
 
+use crate::export::ONE_CONTACT;
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::separators::Separators;
 use crate::table::{another_measurement, at_line, check_blanks, check_later, check_width, file_name};
-use crate::text::{decode, number, parse_number, strip_name};
+use crate::text::{decode, number, parse_number, side_of, strip_name};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
 use std::collections::BTreeSet;
@@ -32,7 +33,8 @@ fn has_line(text: &str, name: &str) -> bool {
     text.lines().any(|line| strip_name(line, name).is_some())
 }
 
-/// Imports one foot. `side` states which; without it, the shape of the footprint decides.
+/// Imports one foot. `side` states which; without it, the end of the file's name (L, R, left or right) does. If this does not
+/// state it either, the shape of the footprint decides.
 ///
 /// # Errors
 /// Fails if the table or the corners are missing, if the sensors are not equal rectangles, or if a line violates the format. The
@@ -93,14 +95,16 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
     }
     separators.check(path)?;
     let mut remarks = Vec::new();
-    frames.note_cut(side, Some(places.row_mm * places.column_mm), &mut remarks);
+    let named = side_of(&file_name(path));
+    frames.note_cut(side.or(named), Some(places.row_mm * places.column_mm), &mut remarks);
     let foot = Foot {
         side,
+        named,
         grid: Grid { row_mm: places.row_mm, column_mm: places.column_mm, toes: Toes::AlongMovement },
         frames,
         name: format!("pliance mat, {sensors} sensors"),
         source: format!(
-            "pliance measurement {}, regions by template.{}",
+            "pliance measurement {}, regions by template. {ONE_CONTACT}{}",
             file_name(path),
             if stated_unit.is_some() { "" } else { " The export states no unit: kPa is assumed." }
         ),

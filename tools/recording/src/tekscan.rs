@@ -8,7 +8,7 @@
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes, check_period};
 use crate::separators::Separators;
 use crate::table::{another_measurement, at_line, file_name};
-use crate::text::{decode, first_number, number, parse_number, shortened};
+use crate::text::{decode, first_number, number, parse_number, shortened, side_of};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
 use std::path::Path;
@@ -121,16 +121,8 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             "state the foot with --side",
         ));
     }
-    let stated = in_header.or(of_file);
-    if let (Some(side), Some(stated)) = (side, stated)
-        && side != stated
-    {
-        let (side, stated) = (side.name(), stated.name());
-        remarks
-            .push(format!("The export is named as one of the {stated} foot, but it was imported as the {side} foot."));
-    }
-    let side = side.or(stated);
-    if is_insole && side.is_none() {
+    let named = in_header.or(of_file);
+    if is_insole && side.or(named).is_none() {
         return Err(Error::content(
             path.display().to_string(),
             "the foot is unknown: neither FILENAME in the header nor the name of the file ends with the word left or right, or \
@@ -139,10 +131,11 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         ));
     }
     if !is_insole {
-        frames.note_cut(side, Some(row_mm * column_mm), &mut remarks);
+        frames.note_cut(side.or(named), Some(row_mm * column_mm), &mut remarks);
     }
     let foot = Foot {
         side,
+        named,
         grid: Grid { row_mm, column_mm, toes: if is_insole { Toes::Top } else { Toes::AlongMovement } },
         frames,
         name: format!(
@@ -225,25 +218,6 @@ fn calibration(value: &str) -> Option<(f64, f64)> {
     let (sum, kind) = rest.split_once('(')?;
     let (force_n, sum) = (parse_number(force)? * units::newtons_of(unit)?, first_number(sum)?);
     (kind.to_lowercase().starts_with("raw") && force_n > 0.0 && sum > 0.0).then_some((force_n, sum))
-}
-
-/// The foot that the end of a file's name states: L, R, left or right, as a word of its own. In `walkL`, the capital letter
-/// is a word of its own; in `normal`, the last letter is not.
-fn side_of(name: &str) -> Option<Side> {
-    let stem = name.rsplit(['\\', '/']).next()?;
-    let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
-    let lower = stem.to_ascii_lowercase();
-    let is_word = |word: &str| {
-        let Some((before, last)) = stem.len().checked_sub(word.len()).and_then(|at| stem.split_at_checked(at)) else {
-            return false;
-        };
-        let begins_word = |before: char| {
-            !before.is_alphabetic() || (before.is_lowercase() && last.starts_with(|first: char| first.is_uppercase()))
-        };
-        lower.ends_with(word) && before.chars().next_back().is_none_or(begins_word)
-    };
-    let words = [("left", Side::Left), ("right", Side::Right), ("l", Side::Left), ("r", Side::Right)];
-    words.into_iter().find(|(word, _)| is_word(word)).map(|(_, side)| side)
 }
 
 /// Reads the frames below the header. Returns the number of the last one, too.

@@ -2,6 +2,7 @@
 
 use crate::table::at_line;
 use crate::{Error, Result};
+use plantar::Side;
 use std::path::Path;
 
 /// Decodes a file in UTF-8, in UTF-16 with a byte-order mark, or else in Latin-1. The text has no byte-order mark, and its
@@ -117,4 +118,23 @@ pub fn first_number(text: &str) -> Option<f64> {
     let rest = &text[start..];
     let end = rest.find(|c: char| !(c.is_ascii_digit() || c == '.' || c == ',')).unwrap_or(rest.len());
     parse_number(rest[..end].trim_end_matches(['.', ',']))
+}
+
+/// The foot that the end of a file's name states: L, R, left or right, as a word of its own. In `walkL`, the capital letter
+/// is a word of its own; in `normal`, the last letter is not.
+pub fn side_of(name: &str) -> Option<Side> {
+    let stem = name.rsplit(['\\', '/']).next()?;
+    let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
+    let lower = stem.to_ascii_lowercase();
+    let is_word = |word: &str| {
+        let Some((before, last)) = stem.len().checked_sub(word.len()).and_then(|at| stem.split_at_checked(at)) else {
+            return false;
+        };
+        let begins_word = |before: char| {
+            !before.is_alphabetic() || (before.is_lowercase() && last.starts_with(|first: char| first.is_uppercase()))
+        };
+        lower.ends_with(word) && before.chars().next_back().is_none_or(begins_word)
+    };
+    let words = [("left", Side::Left), ("right", Side::Right), ("l", Side::Left), ("r", Side::Right)];
+    words.into_iter().find(|(word, _)| is_word(word)).map(|(_, side)| side)
 }

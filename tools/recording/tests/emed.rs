@@ -88,6 +88,25 @@ fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised()
     }
 }
 
+#[test]
+fn the_name_of_the_file_states_the_foot_and_a_contradiction_has_a_remark() {
+    let import = |name, side, stated| common::parse(Format::Emed, name, &file(side, false), stated).unwrap();
+    for (name, side) in [("S1_L.lst", Side::Left), ("step right.lst", Side::Right)] {
+        let export = import(name, side, None);
+        assert_step(&exported_frames(&export.feet[0], ADDED), side, CELL_MM2, 1e-6);
+        assert!(!export.remarks.join(" ").contains("--side"), "{:?}", export.remarks);
+        assert!(export.feet[0].source.contains("not on one clock"), "{}", export.feet[0].source);
+    }
+    let wrong = import("S1_L.lst", Side::Right, None);
+    assert_eq!(wrong.feet[0].side, Side::Left);
+    let remarks = wrong.remarks.join(" ");
+    assert!(remarks.contains("it is the left foot") && remarks.contains("shape of the right foot"), "{remarks}");
+    let corrected = import("S1_L.lst", Side::Right, Some(Side::Right));
+    assert_step(&exported_frames(&corrected.feet[0], ADDED), Side::Right, CELL_MM2, 1e-6);
+    let remarks = corrected.remarks.join(" ");
+    assert!(remarks.contains("one of the left foot") && !remarks.contains("shape"), "{remarks}");
+}
+
 /// The load moves from the heel to the toes, and is the same on both sides of the foot.
 #[test]
 fn a_symmetric_footprint_does_not_show_the_foot() {

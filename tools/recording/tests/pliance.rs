@@ -57,6 +57,18 @@ fn a_step_is_imported_and_its_foot_is_recognised() {
 }
 
 #[test]
+fn the_name_of_the_file_states_the_foot() {
+    let import = |name| common::parse(Format::Pliance, name, text(Side::Right).as_bytes(), None).unwrap();
+    let right = import("S1_R.asc");
+    assert_eq!(right.feet[0].side, Side::Right);
+    assert!(!right.remarks.join(" ").contains("--side"), "{:?}", right.remarks);
+    assert!(right.feet[0].source.contains("not on one clock"), "{}", right.feet[0].source);
+    let wrong = import("S1_L.asc");
+    assert_eq!(wrong.feet[0].side, Side::Left);
+    assert!(wrong.remarks.join(" ").contains("shape of the right foot"), "{:?}", wrong.remarks);
+}
+
+#[test]
 fn corners_are_numbered_from_zero_or_one() {
     let text = text(Side::Right);
     let from_one = from_one(&text);

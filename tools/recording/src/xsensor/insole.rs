@@ -53,6 +53,7 @@ impl Insole {
         }
         let foot = Foot {
             side: Some(side),
+            named: None,
             grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::Top },
             frames: self.frames,
             name: format!("XSENSOR insole, {} x {} cells", self.rows.unwrap_or(0), self.columns.unwrap_or(0)),
