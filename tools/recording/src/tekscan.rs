@@ -3,7 +3,7 @@
 //! A header with a name and a value in each line states the numbers and the spacing of rows and columns, the time between
 //! frames and the unit. Below `ASCII_DATA`, each frame begins with `Frame` and its number, and has a line for each row. `B`
 //! stands for a cell outside of the sensor. Lines that begin with `@@`, such as the last one, have no values. Insoles are
-//! exported with the toes in the first row, as seen from above.
+//! exported with the toes in the first row, as seen from above. Mirrored exports are refused.
 
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes, check_period};
 use crate::separators::Separators;
@@ -108,7 +108,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             ));
         }
     }
-    let is_insole = header.sensor.to_uppercase().replace(['-', ' '], "").contains("FSCAN");
+    let is_insole = is_insole(&header.sensor, [rows, columns], [row_mm, column_mm]);
     let names = [header.file_name, &file_name(path)];
     let [in_header, of_file] = names.map(side_of);
     if side.is_none() && in_header.zip(of_file).is_some_and(|(in_header, of_file)| in_header != of_file) {
@@ -147,6 +147,14 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
     Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }
 
+/// True for an F-Scan insole: by its name, by its number (3000, 3000E and the like), or by its 60 rows of 21 cells with a spacing of
+/// 5.08 mm. All other sensors are plates and mats.
+fn is_insole(sensor: &str, lines: [usize; 2], spacing_mm: [f64; 2]) -> bool {
+    let name = sensor.to_uppercase().replace(['-', ' '], "");
+    let has_grid = lines == [60, 21] && spacing_mm.iter().all(|mm| (mm - 5.08).abs() < 0.01);
+    has_grid || ["FSCAN", "3000"].iter().any(|known| name.contains(known))
+}
+
 /// Reads the lines up to the first frame.
 fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header<'a>> {
     let mut header = Header::default();
@@ -174,6 +182,16 @@ fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> 
                     .zip(units::kpa_of(unit))
                     .map(|(value, kpa)| value * kpa)
                     .filter(|kpa| *kpa > 0.0);
+            }
+            "MIRROR_ROW" | "MIRROR_COL" if !["", "0"].contains(&value) => {
+                return Err(Error::content(
+                    place(),
+                    format!(
+                        "{name} is `{}`: the picture is mirrored, which exchanges medial and lateral or heel and toes",
+                        shortened(value)
+                    ),
+                    "undo the mirroring in the vendor's program, and export the measurement again",
+                ));
             }
             "FILENAME" => header.file_name = value,
             "SENSOR_TYPE" => header.sensor = shortened(value),

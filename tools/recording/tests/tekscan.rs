@@ -171,6 +171,39 @@ fn raw_values_of_a_calibration_with_two_loads_are_refused() {
 }
 
 #[test]
+fn a_mirrored_export_is_refused_with_its_line() {
+    let text = text(Side::Right, "KPa", 1.0, "10.16 mm");
+    let with = |row: &str, column: &str| {
+        parse(&text.replacen("ASCII_DATA", &format!("MIRROR_ROW {row}\r\nMIRROR_COL {column}\r\nASCII_DATA"), 1))
+    };
+    assert_eq!(with("0", "0").unwrap().feet, parse(&text).unwrap().feet);
+    assert_message(with("1", "0"), "walk.asf:11: ", &["MIRROR_ROW is `1`", "undo the mirroring"]);
+    assert_message(with("0", "1"), "walk.asf:12: ", &["MIRROR_COL is `1`", "undo the mirroring"]);
+}
+
+/// The foot of an insole must be stated; that of a plate follows from the footprint.
+#[test]
+fn f_scan_insoles_are_recognised_by_name_number_and_grid() {
+    let row = ["10"; 21].join(",");
+    let import = |sensor: &str, rows: usize, spacing: &str| {
+        let table = format!("{row}\n").repeat(rows);
+        let header = format!(
+            "SENSOR_TYPE {sensor}\nROWS {rows}\nCOLS 21\nROW_SPACING {spacing}\nCOL_SPACING {spacing}\n\
+             SECONDS_PER_FRAME 0.01\nUNITS KPa\nASCII_DATA @@\n"
+        );
+        let frames: String = (1..=2).map(|frame| format!("Frame {frame}\n{table}")).collect();
+        parse(&format!("{header}{frames}"))
+    };
+    for sensor in ["F-Scan 60x21", "FSCAN", "3000", "3000E", "Model 3000 Sport"] {
+        assert_message(import(sensor, 50, "5 mm"), "walk.asf: ", &["the foot is unknown"]);
+    }
+    assert_message(import("9811", 60, "5.08 mm"), "walk.asf: ", &["the foot is unknown"]);
+    for (rows, spacing) in [(60, "5 mm"), (59, "5.08 mm")] {
+        assert_eq!(import("9811", rows, spacing).unwrap().feet.len(), 1);
+    }
+}
+
+#[test]
 fn the_name_of_the_file_or_an_argument_states_the_foot() {
     let unnamed = text(Side::Right, "KPa", 1.0, "10.16 mm").replace("stepR", "step");
     assert_message(common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), None), "walk.asf: ", &["--side"]);
