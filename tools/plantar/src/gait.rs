@@ -16,7 +16,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost};
-use recording::export::ONE_CONTACT;
+use recording::export::{ONE_CONTACT, time_of};
 use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -106,8 +106,8 @@ impl Origin {
     }
 }
 
-/// Prints a note on stderr if the texts on the origins of the recordings of two feet name different measurements, or single
-/// contacts on a plate.
+/// Prints a note on stderr if the texts on the origins of the recordings of two feet name different measurements, state different
+/// times of measurement, or are of single contacts on a plate.
 pub fn note_different_origins(first: &str, second: &str) {
     if [first, second].iter().any(|source| source.contains(ONE_CONTACT)) {
         eprintln!(
@@ -122,6 +122,13 @@ pub fn note_different_origins(first: &str, second: &str) {
              symmetry, are valid only if both feet were recorded in the same walk, on one clock",
             measurement(first),
             measurement(second)
+        );
+    } else if let (Some(first), Some(second)) = (time_of(first), time_of(second))
+        && first != second
+    {
+        eprintln!(
+            "note: the recordings were measured at different times ({first:?} and {second:?}): measures of both feet, such as \
+             double support and symmetry, are valid only if both feet were recorded in the same walk, on one clock"
         );
     }
 }

@@ -56,6 +56,28 @@ fn feet_of_different_measurements_are_noted() {
     assert!(folder.path().join("b.left.parquet").exists() && folder.path().join("b.right.parquet").exists());
 }
 
+#[test]
+fn feet_that_were_measured_at_different_times_are_noted() {
+    let folder = folder();
+    let write = |foot: &str, time: &str| {
+        write_export(
+            &folder,
+            "tekscan",
+            "FILENAME walkL",
+            &format!("TIME {time}\nFILENAME walk{foot}"),
+            &format!("walk{foot}.asf"),
+        );
+    };
+    write("L", "16 February 2017 11:26:22 a.m.");
+    for (time, is_noted) in [("16 February 2017 11:26:22 a.m.", false), ("16 February 2017 11:31:07 a.m.", true)] {
+        write("R", time);
+        let (is_ok, _, text) = plantar(&folder, "import auto walkL.asf walkR.asf --out a.parquet");
+        let words = ["note:", "different times", "11:26:22", "11:31:07"];
+        assert!(is_ok && words.iter().all(|word| text.contains(word)) == is_noted, "{text}");
+        assert_eq!(text.contains("note:"), is_noted, "{text}");
+    }
+}
+
 /// Each emed export is one contact, so that the two feet were not on the plate at the same moment.
 #[test]
 fn two_single_contacts_are_noted_as_not_on_one_clock() {

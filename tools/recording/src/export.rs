@@ -2,7 +2,7 @@
 
 use crate::footprint::capitalised;
 use crate::table::tabs;
-use crate::text::{decode, strip_name};
+use crate::text::{decode, shortened, strip_name};
 use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, pliance, tekscan, xsensor};
 use plantar::Side;
 use std::fs;
@@ -12,6 +12,21 @@ use std::path::Path;
 /// two such contacts are never of the same moment.
 pub const ONE_CONTACT: &str =
     "The export contains one contact: its times are not on one clock with those of another export.";
+
+/// The beginning of the sentence with the time of the measurement in [`Recording::source`].
+const MEASURED_AT: &str = "Measured at `";
+
+/// The sentence with the time of the measurement, in the words of the export and with a blank before it, for
+/// [`Recording::source`]. Empty if the export states no time.
+pub(crate) fn measured_at(time: &str) -> String {
+    if time.is_empty() { String::new() } else { format!(" {MEASURED_AT}{}`.", shortened(time)) }
+}
+
+/// The time of the measurement in a [`Recording::source`], in the words of the export; `None` if it states none.
+pub fn time_of(source: &str) -> Option<&str> {
+    let (_, time) = source.split_once(MEASURED_AT)?;
+    time.split('`').next()
+}
 
 /// The content of an export.
 #[derive(Debug)]

@@ -9,10 +9,11 @@
 //! (Apache-2.0, Moticon).
 
 use crate::assembly::UncheckedRecording;
+use crate::export::measured_at;
 use crate::footprint::capitalised;
 use crate::least_squares;
 use crate::table::{another_measurement, at_line, check_later, file_name};
-use crate::text::{decode, number, shortened};
+use crate::text::{decode, number, shortened, strip_name};
 use crate::{Cell, Error, Export, Result, template, units};
 use plantar::{Region, Side};
 use std::path::Path;
@@ -108,11 +109,19 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             ));
         }
     }
+    let stated = |name: &str| {
+        let mut header = text.lines().take_while(|row| row.starts_with('#'));
+        header.find_map(|row| strip_name(row.trim_start_matches('#'), name)).map_or("", str::trim)
+    };
+    let mut circumstances = measured_at(stated("Start time:"));
+    if !stated("Size:").is_empty() {
+        circumstances += &format!(" The export states size {}.", shortened(stated("Size:")));
+    }
     let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
     for foot in [Side::Left, Side::Right].into_iter().filter(|foot| side.is_none_or(|side| side == *foot)) {
         let columns = columns(&names, foot, &at_line(path, header_line))?;
         if let Some(columns) = columns {
-            read_foot(foot, &columns, &rows, path, &mut export)?;
+            read_foot(foot, &columns, &rows, path, &circumstances, &mut export)?;
         }
     }
     if export.feet.is_empty() {
@@ -155,8 +164,15 @@ fn columns(names: &[&str], side: Side, place: &str) -> Result<Option<Columns>> {
     }
 }
 
-/// Reads a foot. A foot without frames is left out.
-fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Path, export: &mut Export) -> Result<()> {
+/// Reads a foot. A foot without frames is left out. `circumstances` are sentences for the source, each with a blank before it.
+fn read_foot(
+    side: Side,
+    columns: &Columns,
+    rows: &[(u64, Vec<&str>)],
+    path: &Path,
+    circumstances: &str,
+    export: &mut Export,
+) -> Result<()> {
     let (mut t_s, mut pressure_kpa, mut totals_n): (Vec<f64>, Vec<f32>, Vec<f64>) = Default::default();
     for (line, row) in rows {
         let place = || at_line(path, *line);
@@ -195,7 +211,11 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
         t_s,
         pressure_kpa,
         name: "Moticon OpenGo insole".to_owned(),
-        source: format!("Moticon OpenGo measurement {}, {} insole, regions by template.", file_name(path), side.name()),
+        source: format!(
+            "Moticon OpenGo measurement {}, {} insole, regions by template.{circumstances}",
+            file_name(path),
+            side.name()
+        ),
     };
     export.feet.push(unchecked.recording(path, &mut export.remarks)?);
     Ok(())

@@ -13,13 +13,14 @@
 //! sensors, which begins with the size of the insole. A geometry that states another size is refused.
 
 use crate::check::{self, At};
+use crate::export::measured_at;
 use crate::negatives::Negatives;
 use crate::separators::Separators;
 use crate::table::{
     self, Lines, another_measurement, at_line, check_blanks, check_later, check_width, empty_field, file_name, number,
     unreadable,
 };
-use crate::text::{decode, first_number, parse_number, seconds, shortened, strip_name};
+use crate::text::{decode, first_number, novel_time, parse_number, seconds, shortened, strip_name};
 use crate::units::StatedUnit;
 use crate::{Cell, Error, Export, Layout, Recording, Result, rate, template, units};
 use csv::StringRecord;
@@ -155,11 +156,12 @@ fn read(
         layout,
         rate_hz,
         source: format!(
-            "pedar measurement {}, {} insole{}, geometry {}, regions by template.{}{}{}",
+            "pedar measurement {}, {} insole{}, geometry {}, regions by template.{}{}{}{}",
             file_name(asc_path),
             side.name(),
             sensor_type.map_or_else(String::new, |known| format!(", sensor type {}", known.name)),
             file_name(geometry_path),
+            measured_at(&header.time),
             match all_cells.len() - sensors.len() {
                 0 => String::new(),
                 1 => " 1 sensor is not in the export.".to_owned(),
@@ -324,6 +326,8 @@ struct Header {
     /// The unit of the pressures, if the export states it.
     unit: Option<StatedUnit>,
     sensor_type: Option<SensorType>,
+    /// Date and time of the measurement, in the words of the export; empty if it states none.
+    time: String,
     /// The numbers of the sensors of each foot in the export.
     feet: Vec<Vec<usize>>,
     /// The foot of an export of one foot, if the mask definition states it.
@@ -380,11 +384,15 @@ pub fn feet(asc_path: impl AsRef<Path>) -> Result<usize> {
 /// Consumes the lines up to the line that names the columns.
 fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header> {
     let (mut unit, mut total_s, mut sensor_type) = (None, None, None);
+    let mut time = String::new();
     // The sensors of both feet by the mask definition.
     let mut masks = [Vec::new(), Vec::new()];
     for (line, row) in lines {
         let place = || at_line(path, line);
         units::update_stated(&mut unit, row, &place)?;
+        if let Some(stated) = novel_time(row) {
+            time = stated.to_owned();
+        }
         if let Some(rest) = strip_name(row, TOTAL_TIME) {
             total_s = first_number(rest);
         }
@@ -417,7 +425,7 @@ fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path
             // The sensor numbers of a foot increase, so a number that does not increase begins the second foot.
             (sensors.chunk_by(|before, sensor| before < sensor).map(<[usize]>::to_vec).collect(), None)
         };
-        return Ok(Header { line, total_s, unit, sensor_type, feet, side });
+        return Ok(Header { line, total_s, unit, sensor_type, time, feet, side });
     }
     Err(Error::content(
         path.display().to_string(),

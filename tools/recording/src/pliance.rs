@@ -5,11 +5,11 @@
 //! may follow. The lines from `x[0]` to `y[3]`, or from `x[1]` to `y[4]`, state the corners of the sensors in cm, x to the right
 //! and y to the top, as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
 
-use crate::export::ONE_CONTACT;
+use crate::export::{ONE_CONTACT, measured_at};
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::separators::Separators;
 use crate::table::{another_measurement, at_line, check_blanks, check_later, check_width, file_name};
-use crate::text::{decode, number, parse_number, side_of, strip_name};
+use crate::text::{decode, novel_time, number, parse_number, side_of, strip_name};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
 use std::collections::BTreeSet;
@@ -42,12 +42,13 @@ fn has_line(text: &str, name: &str) -> bool {
 pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
-    let mut stated_unit = None;
+    let (mut stated_unit, mut time) = (None, "");
     let sensors = loop {
         let Some((line, row)) = lines.next() else {
             let problem = format!("no line begins with {TIME_COLUMN}");
             return Err(Error::content(path.display().to_string(), problem, "export the measurement as ASCII (.asc)"));
         };
+        time = novel_time(row).unwrap_or(time);
         units::update_stated(&mut stated_unit, row, &|| at_line(path, line))?;
         if let Some(names) = strip_name(row, TIME_COLUMN) {
             check_blanks(names, &|| at_line(path, line))?;
@@ -104,8 +105,9 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         frames,
         name: format!("pliance mat, {sensors} sensors"),
         source: format!(
-            "pliance measurement {}, regions by template. {ONE_CONTACT}{}",
+            "pliance measurement {}, regions by template. {ONE_CONTACT}{}{}",
             file_name(path),
+            measured_at(time),
             if stated_unit.is_some() { "" } else { " The export states no unit: kPa is assumed." }
         ),
     };

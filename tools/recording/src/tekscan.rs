@@ -5,6 +5,7 @@
 //! stands for a cell outside of the sensor. Lines that begin with `@@`, such as the last one, have no values. Insoles are
 //! exported with the toes in the first row, as seen from above. Mirrored exports are refused.
 
+use crate::export::measured_at;
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes, check_period};
 use crate::separators::Separators;
 use crate::table::{another_measurement, at_line, file_name};
@@ -31,6 +32,8 @@ fn property(line: &str) -> Option<(&str, &str)> {
 const SATURATION_ROUNDING: f64 = 1e-3;
 /// Names of lines that occur only in a header, by which a second measurement in the file is recognised.
 const ONLY_IN_HEADER: [&str; 4] = ["DATA_TYPE", "FILENAME", "SENSOR_TYPE", "ROWS"];
+/// Settings of a measurement that [`crate::Recording::source`] contains.
+const SETTINGS: [&str; 4] = ["HARDWARE", "NOISE_THRESHOLD", "CALIBRATION_POINT_1", "SENSITIVITY"];
 /// The remedy for raw values that cannot be converted.
 const CALIBRATE: &str = "calibrate the measurement in the vendor's program, and export it in kPa";
 
@@ -53,6 +56,10 @@ struct Header<'a> {
     /// The pressure at which a cell is saturated, kPa.
     saturation_kpa: Option<f64>,
     file_name: &'a str,
+    /// Date and time of the measurement; empty if the export does not state them.
+    time: &'a str,
+    /// Settings of the measurement, each with its name, for the source.
+    settings: Vec<String>,
     /// The type of the sensor, for the name of the layout.
     sensor: String,
 }
@@ -122,6 +129,10 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         ));
     }
     let named = in_header.or(of_file);
+    let settings = match header.settings.is_empty() {
+        true => String::new(),
+        false => format!(" The export states {}.", header.settings.join("; ")),
+    };
     if is_insole && side.or(named).is_none() {
         return Err(Error::content(
             path.display().to_string(),
@@ -142,13 +153,17 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             "Tekscan {}, {rows} x {columns} cells",
             if header.sensor.is_empty() { "sensor" } else { header.sensor.as_str() }
         ),
-        source: format!("Tekscan measurement {}, regions by template.", file_name(path)),
+        source: format!(
+            "Tekscan measurement {}, regions by template.{}{settings}",
+            file_name(path),
+            measured_at(header.time)
+        ),
     };
     Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }
 
-/// True for an F-Scan insole: by its name, by its number (3000, 3000E and the like), or by its 60 rows of 21 cells with a spacing of
-/// 5.08 mm. All other sensors are plates and mats.
+/// True for an F-Scan insole: by its name, by its number (3000, 3000E and the like), or by its 60 rows of 21 cells with a spacing
+/// of 5.08 mm. All other sensors are plates and mats.
 fn is_insole(sensor: &str, lines: [usize; 2], spacing_mm: [f64; 2]) -> bool {
     let name = sensor.to_uppercase().replace(['-', ' '], "");
     let has_grid = lines == [60, 21] && spacing_mm.iter().all(|mm| (mm - 5.08).abs() < 0.01);
@@ -161,6 +176,9 @@ fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> 
     for (line, row) in lines {
         let place = || at_line(path, line);
         let Some((name, value)) = property(row) else { continue };
+        if SETTINGS.contains(&name) && !value.is_empty() {
+            header.settings.push(format!("{name} {}", shortened(value)));
+        }
         match name {
             "ASCII_DATA" => return Ok(header),
             "ROWS" => header.rows = Some(count(value, name, &place)?),
@@ -193,6 +211,7 @@ fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> 
                     "undo the mirroring in the vendor's program, and export the measurement again",
                 ));
             }
+            "TIME" => header.time = value,
             "FILENAME" => header.file_name = value,
             "SENSOR_TYPE" => header.sensor = shortened(value),
             _ => {}

@@ -64,6 +64,13 @@ pub fn strip_name<'a>(row: &'a str, name: &str) -> Option<&'a str> {
     start.eq_ignore_ascii_case(name).then_some(rest)
 }
 
+/// The date and the time in the line with the name of the file in a header of novel's programs, such as `file name: a.sol
+/// date/time 25.04.23 10.49`; `None` if it has none.
+pub fn novel_time(row: &str) -> Option<&str> {
+    let (_, time) = strip_name(row, "file name:")?.split_once("date/time")?;
+    Some(time.trim_matches([' ', '\t', ':'])).filter(|time| !time.is_empty())
+}
+
 /// Parses a finite number with a decimal point or a decimal comma.
 pub fn parse_number(field: &str) -> Option<f64> {
     let field = field.trim();

@@ -74,6 +74,14 @@ fn the_areas_and_the_total_force_are_recovered() {
 }
 
 #[test]
+fn the_source_states_the_time_and_the_size() {
+    for foot in parse(&text(&[])).unwrap().feet {
+        let stated = "Measured at `27.09.2023 10:21:14.922`. The export states size 7.";
+        assert!(foot.source.contains(stated), "{}", foot.source);
+    }
+}
+
+#[test]
 fn lost_frames_are_interpolated_and_those_at_the_beginning_are_left_out() {
     let export = parse(&text(&[0, 1, 2, 60, 61])).unwrap();
     let [left, right] = &export.feet[..] else { panic!("two feet") };

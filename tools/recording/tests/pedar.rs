@@ -159,6 +159,14 @@ fn a_geometry_of_another_insole_size_is_refused_and_an_unknown_size_has_a_remark
     assert_refused(&typed, &geometry_of(""), &["geometry.csv:2: ", "an empty field in column insole"]);
 }
 
+#[test]
+fn the_source_states_the_time_of_the_measurement() {
+    let timed = ASC.replace("test\n", "test.sol\tdate/time  25.04.23 10.49\n");
+    let source = import(&timed, GEOMETRY, Side::Left).unwrap().source;
+    assert!(source.contains("Measured at `25.04.23 10.49`."), "{source}");
+    assert!(!import(ASC, GEOMETRY, Side::Left).unwrap().source.contains("Measured at"));
+}
+
 #[track_caller]
 fn assert_refused(asc: &str, geometry: &str, expected: &[&str]) {
     let error = import(asc, geometry, Side::Right).unwrap_err().to_string();

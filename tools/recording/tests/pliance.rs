@@ -57,6 +57,13 @@ fn a_step_is_imported_and_its_foot_is_recognised() {
 }
 
 #[test]
+fn the_source_states_the_time_of_the_measurement() {
+    let timed = text(Side::Right).replace("a.mat\n", "a.mat date/time 25.04.23 10.49\n");
+    let source = &parse(&timed).unwrap().feet[0].source;
+    assert!(source.contains("Measured at `25.04.23 10.49`."), "{source}");
+}
+
+#[test]
 fn the_name_of_the_file_states_the_foot() {
     let import = |name| common::parse(Format::Pliance, name, text(Side::Right).as_bytes(), None).unwrap();
     let right = import("S1_R.asc");

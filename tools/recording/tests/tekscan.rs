@@ -171,6 +171,20 @@ fn raw_values_of_a_calibration_with_two_loads_are_refused() {
 }
 
 #[test]
+fn the_source_states_the_time_and_the_settings_of_the_measurement() {
+    let time = "Thursday, 16 February 2017 11:26:22 a.m.";
+    let stated = format!("HARDWARE 116-1974-1\r\nNOISE_THRESHOLD 3\r\nTIME {time}\r\nUNITS");
+    let export = parse(&text(Side::Right, "KPa", 1.0, "10.16 mm").replacen("UNITS", &stated, 1)).unwrap();
+    let source = &export.feet[0].source;
+    let settings = "The export states CALIBRATION_POINT_1 50.0 (Kgs) 5000 (Raw Sum) 99 (Number of Loaded Cells); HARDWARE \
+                    116-1974-1; NOISE_THRESHOLD 3.";
+    assert!(source.contains(&format!("Measured at `{time}`.")) && source.contains(settings), "{source}");
+    assert_eq!(recording::export::time_of(source), Some(time));
+    let untimed = parse(&text(Side::Right, "KPa", 1.0, "10.16 mm")).unwrap();
+    assert_eq!(recording::export::time_of(&untimed.feet[0].source), None);
+}
+
+#[test]
 fn a_mirrored_export_is_refused_with_its_line() {
     let text = text(Side::Right, "KPa", 1.0, "10.16 mm");
     let with = |row: &str, column: &str| {
