@@ -5,7 +5,9 @@ use plantar::pipeline::calibrate::{FULL_CODE, zero_offset};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
-use recording::{FootZero, FrameSource, MAX_CELLS, Recording, RecordingReader, StandingTrial, VirtualInsole, Zero};
+use recording::{
+    FootZero, Format, FrameSource, MAX_CELLS, Recording, RecordingReader, StandingTrial, VirtualInsole, Zero,
+};
 use std::path::Path;
 
 /// The code of a pressure by the law of the virtual sensor at its default full scale, implemented independently.
@@ -318,6 +320,29 @@ fn cells_that_differ_because_of_a_merge_are_rejected_with_the_remedy() {
     let (_, zero) = measured(&clipped(0));
     let error = zero.apply_to(&mut virtual_insole(&clipped(150)), "zero.toml").expect_err("refused").to_string();
     assert!(error.contains("other cells") && error.contains("without --cells"), "{error}");
+}
+
+/// The pressures are the same in both recordings, but the total forces, to which the import fits the areas, are not.
+#[test]
+fn the_zero_of_a_moticon_recording_does_not_apply_to_another_one() {
+    let measurement = |newtons_per_n_cm2: usize| {
+        let mut text = "# time".to_owned();
+        (1..=16).for_each(|cell| text += &format!("\tleft pressure {cell}[N/cm²]"));
+        text += "\tleft total force[N]\n";
+        for frame in 0..50 {
+            let loaded = if frame < 25 { 10 } else { 0 };
+            text += &format!("0.{frame:02}{}\t{}\n", format!("\t{loaded}").repeat(16), loaded * 16 * newtons_per_n_cm2);
+        }
+        Format::Moticon.parse(text.as_bytes(), Path::new("walk.txt"), None).expect("a recording").feet.remove(0)
+    };
+    let [standing, walk] = [12, 13].map(measurement);
+    let id = virtual_insole(&standing).setup.layout_id;
+    let zero = FootZero { layout_id: id, offset_kpa: vec![0.0; 16] };
+    zero.apply_to(&mut virtual_insole(&standing), "zero.toml").expect("the same recording");
+    let error = zero.apply_to(&mut virtual_insole(&walk), "zero.toml").expect_err("refused").to_string();
+    for words in ["other cells", "Moticon", "F-Scan", "never applies to a walk", "before the export"] {
+        assert!(error.contains(words), "`{words}` is not in: {error}");
+    }
 }
 
 #[test]
