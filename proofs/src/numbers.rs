@@ -43,7 +43,7 @@ pub fn fitting_rate(resolution: Resolution, every: u8, cells: u32, period_us: u3
     // A message takes whole packets.
     let per_s = |bytes: u64| {
         let packet_bytes = u64::from(carrier.packet_bytes);
-        (bytes / packet_bytes + u64::from(bytes % packet_bytes > 0)) * frames_per_s
+        (bytes / packet_bytes + u64::from(!bytes.is_multiple_of(packet_bytes))) * frames_per_s
     };
     let (live_per_s, cells_per_s) = (per_s(92), per_s(frame_bytes));
     let fits = |every: u64| live_per_s * every + cells_per_s <= packets_per_s * every;

@@ -49,15 +49,18 @@ impl ReconnectPolicy {
 /// Opens a carrier to an insole. After the loss of a link, it is called on another thread.
 pub type Open<C> = Arc<dyn Fn() -> Result<C, Error> + Send + Sync>;
 
+/// Receives the result of an attempt to open a lost link again: the new carrier and, if a connect request was sent over it, the
+/// answer.
+type Attempt<C> = Receiver<Result<(C, Option<Hello>), Error>>;
+
 /// A session that is opened again after its link was lost.
 pub struct Link<C> {
     client: Client<C>,
     open: Open<C>,
     policy: ReconnectPolicy,
     state: State,
-    /// The result of the present attempt to open the lost link again: the new carrier and, if a connect request was sent over
-    /// it, the answer.
-    attempt: Option<Receiver<Result<(C, Option<Hello>), Error>>>,
+    /// The present attempt to open the lost link again.
+    attempt: Option<Attempt<C>>,
     /// A message could not be sent, or a request had no answer; the next event reports it.
     failure: Option<Error>,
     /// The status at the start of this session.
@@ -249,7 +252,7 @@ impl<C: Carrier + Send + 'static> Link<C> {
     }
 
     /// Waits and makes one attempt to open the link again, on another thread.
-    fn begin_attempt(&self, is_superseded: bool) -> Receiver<Result<(C, Option<Hello>), Error>> {
+    fn begin_attempt(&self, is_superseded: bool) -> Attempt<C> {
         let (open, policy) = (self.open.clone(), self.policy);
         let (sender, attempt) = mpsc::channel();
         thread::spawn(move || {
