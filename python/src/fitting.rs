@@ -41,6 +41,7 @@ pub fn identify(
     let recordings: Vec<(Arc<recording::Recording>, PathBuf)> =
         recordings.iter().map(|recording| (recording.inner.clone(), recording.path.clone())).collect();
     let (search, contact, size) = (options.search()?, options.contact(None)?, options.size()?);
+    let stance = options.stance()?;
     let identified = move || -> anyhow::Result<(Fitted, Vec<String>)> {
         let (tissue, notes) = search.tissue(&|path| std::fs::read(path))?;
         let mut study = Study::new(participant, contact, search.options(&tissue, RESAMPLES)?);
@@ -52,7 +53,7 @@ pub fn identify(
             let name = path.display().to_string();
             let problem = || format!("{name}: the recording cannot be evaluated");
             let insole = |rule: ContactRule| -> anyhow::Result<VirtualInsole> {
-                let mut insole = virtual_insole(&(&**recording).into(), rule).with_context(problem)?;
+                let mut insole = virtual_insole(&(&**recording).into(), rule, stance).with_context(problem)?;
                 if let Some(zero) = &options.zero {
                     Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
                 }

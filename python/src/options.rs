@@ -4,11 +4,12 @@ use crate::exception;
 use fit::{Filter, Method};
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use pyo3::conversion::FromPyObjectOwned;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::path::PathBuf;
-use study::{ContactOptions, Search};
+use study::{ContactOptions, Search, StanceOptions};
 
 /// The default of `bounds`.
 const FREE_BOUNDS: &str = "free";
@@ -24,6 +25,12 @@ pub struct Options {
     contact_on_kpa: Option<f32>,
     contact_off_kpa: Option<f32>,
     contact_full_kpa: Option<f32>,
+    thresholds: String,
+    strike_n: Option<f32>,
+    release_n: Option<f32>,
+    min_stance_ms: Option<u16>,
+    min_swing_ms: Option<u16>,
+    max_stance_ms: Option<u16>,
     /// The zero file.
     pub zero: Option<PathBuf>,
 }
@@ -33,6 +40,7 @@ impl<'py> FromPyObject<'_, 'py> for Options {
 
     fn extract(options: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         let (text, number, path) = ("a text", "a number or None", "a path or None");
+        let duration = "a whole number from 0 to 65535 or None";
         Ok(Self {
             size: attribute(options, "size", "a whole number")?,
             filter: attribute(options, "filter", "a text or None")?,
@@ -43,6 +51,12 @@ impl<'py> FromPyObject<'_, 'py> for Options {
             contact_on_kpa: attribute(options, "contact_on_kpa", number)?,
             contact_off_kpa: attribute(options, "contact_off_kpa", number)?,
             contact_full_kpa: attribute(options, "contact_full_kpa", number)?,
+            thresholds: attribute(options, "thresholds", text)?,
+            strike_n: attribute(options, "strike_n", number)?,
+            release_n: attribute(options, "release_n", number)?,
+            min_stance_ms: attribute(options, "min_stance_ms", duration)?,
+            min_swing_ms: attribute(options, "min_swing_ms", duration)?,
+            max_stance_ms: attribute(options, "max_stance_ms", duration)?,
             zero: attribute(options, "zero", path)?,
         })
     }
@@ -123,5 +137,19 @@ impl Options {
             full_kpa: self.contact_full_kpa,
         };
         options.rule(identified.map_or(ContactRule::COVERED, |i| i.contact)).map_err(exception)
+    }
+
+    /// The default stance rule, changed by the options.
+    pub fn stance(&self) -> PyResult<StanceRule> {
+        let kinds = [("adaptive", true), ("absolute", false)];
+        let options = StanceOptions {
+            is_adaptive: Some(named("thresholds", &self.thresholds, &kinds)?),
+            strike_n: self.strike_n,
+            release_n: self.release_n,
+            min_stance_ms: self.min_stance_ms,
+            min_swing_ms: self.min_swing_ms,
+            max_stance_ms: self.max_stance_ms,
+        };
+        options.rule().map_err(exception)
     }
 }

@@ -36,8 +36,8 @@ impl Person {
     #[new]
     fn new(py: Python, options: Options) -> PyResult<Self> {
         let settings = Participant { zero: options.zero.clone(), ..Participant::default() };
-        let (search, contact) = (options.search()?, options.contact(None)?);
-        py.detach(|| study::Person::new(settings, &search, contact, &|path| std::fs::read(path)))
+        let (search, contact, stance) = (options.search()?, options.contact(None)?, options.stance()?);
+        py.detach(|| study::Person::new(settings, &search, contact, stance, &|path| std::fs::read(path)))
             .map(Self)
             .map_err(exception)
     }
@@ -50,7 +50,8 @@ impl Person {
             let content = read.call1((path.to_string_lossy(),)).and_then(|content| content.extract::<Vec<u8>>());
             content.map_err(io::Error::from)
         };
-        study::Person::open(&folder, &options.search()?, options.contact(None)?, &read).map(Self).map_err(exception)
+        let (search, contact, stance) = (options.search()?, options.contact(None)?, options.stance()?);
+        study::Person::open(&folder, &search, contact, stance, &read).map(Self).map_err(exception)
     }
 
     /// A note on each value of the tissue measurements that is out of range and therefore not used.

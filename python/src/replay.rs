@@ -48,7 +48,7 @@ pub fn replay(
         Some(path) => Parameters::read(path).map_err(exception)?,
         None => Parameters::typical(options.size()?),
     };
-    let contact = options.contact(Some(&parameters))?;
+    let (contact, stance) = (options.contact(Some(&parameters))?, options.stance()?);
     let mut notes: Vec<String> = parameters.typical_note().into_iter().collect();
     if params.is_none() {
         notes.extend(options.size()?.extrapolation_note());
@@ -78,7 +78,7 @@ pub fn replay(
     let (inner, path) = (&*recording.inner, recording.path.display().to_string());
     py.detach(|| {
         let replayed = || {
-            let mut insole = virtual_insole(&inner.into(), contact)?;
+            let mut insole = virtual_insole(&inner.into(), contact, stance)?;
             if let Some(zero) = &options.zero {
                 Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
             }

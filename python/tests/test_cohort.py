@@ -88,6 +88,8 @@ def test_a_local_run_has_the_rows_of_the_command_line(
 
 def test_options_are_those_of_the_command_line(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
     options = ["--size", "44", "--bounds", "paper", "--filter", "live", "--contact-on", "12", "--compression", "0.4"]
+    options += ["--thresholds", "absolute", "--strike", "300", "--release", "250"]
+    options += ["--min-stance", "100", "--min-swing", "60", "--max-stance", "2000"]
     assert cohort.main([str(study_folder), "--out", str(tmp_path / "dask"), *options]) == 0
     plantar_program("cohort", study_folder, "--out", tmp_path / "rust", *options)
     pd.testing.assert_frame_equal(table(tmp_path / "dask"), table(tmp_path / "rust"))

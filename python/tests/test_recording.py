@@ -60,6 +60,12 @@ def test_errors_name_the_file_and_the_remedy(tmp_path: pathlib.Path, walk_file: 
         recording.replay(options={"size": 40})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="contact-off may not be above"):
         recording.replay(options=package.Options(contact_on_kpa=5, contact_off_kpa=6))
+    with pytest.raises(ValueError, match="strike and release must be above 0"):
+        recording.replay(options=package.Options(strike_n=0))
+    with pytest.raises(ValueError, match='"adaptive" or "absolute"'):
+        recording.replay(options=package.Options(thresholds="fixed"))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="min_stance_ms = 1.5: expected a whole number"):
+        recording.replay(options=package.Options(min_stance_ms=1.5))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match='"projection" or "paper"'):
         package.fit(recording, options=package.Options(method="other"))  # type: ignore[arg-type]
     for size, words in (("42", "size = '42'"), (42.5, "size = 42.5")):
@@ -187,6 +193,19 @@ def test_replayed_steps_are_those_of_the_command_line(walk_file: pathlib.Path, t
     double = package.replay(walk_file, precision="f64").frames
     assert not double.equals(frames)
     np.testing.assert_allclose(double["total_force_n"], frames["total_force_n"], rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_steps_begin_and_end_at_the_stated_thresholds(walk_file: pathlib.Path) -> None:
+    options = package.Options(thresholds="absolute", strike_n=300, release_n=250)
+    replay = package.replay(walk_file, options=options)
+    force_n, t_s = replay.recording.force_n, replay.recording.t_s
+    steps = replay.steps.groupby(level="step")[["start_s", "duration_s"]].first()
+    assert len(steps) == 6
+    for start_s, duration_s in steps.itertuples(index=False):
+        strike, off = (int(np.abs(t_s - time_s).argmin()) for time_s in (start_s, start_s + duration_s))
+        assert force_n[strike - 1] < 300 <= force_n[strike]
+        assert force_n[off] < 250 <= force_n[off - 1]
 
 
 def test_typical_parameters_are_reported_and_personal_ones_are_not(

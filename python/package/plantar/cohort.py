@@ -416,6 +416,19 @@ def _options(parser: argparse.ArgumentParser) -> None:
         ("full", "a cell counts with its whole area from this pressure on; 0: always [150]"),
     ):
         parser.add_argument(f"--contact-{name}", type=float, metavar="KPA", dest=f"contact_{name}_kpa", help=text)
+    thresholds = "thresholds of heel strike and toe off: proportional to the peaks of the steps, or fixed [adaptive]"
+    parser.add_argument("--thresholds", choices=["adaptive", "absolute"], default="adaptive", help=thresholds)
+    for name, text in (
+        ("strike", "heel strike is the frame in which the total force reaches this value [35]"),
+        ("release", "toe off is the frame in which the total force falls below this value [70]"),
+    ):
+        parser.add_argument(f"--{name}", type=float, metavar="N", dest=f"{name}_n", help=text)
+    for name, text in (
+        ("min_stance", "a contact that is shorter than this time is not a step [90]"),
+        ("min_swing", "a gap that is shorter than this time does not end a stance [50]"),
+        ("max_stance", "a contact that is longer than this time is not a step [2500]"),
+    ):
+        parser.add_argument(f"--{name.replace('_', '-')}", type=int, metavar="MS", dest=f"{name}_ms", help=text)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

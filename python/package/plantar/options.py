@@ -7,8 +7,8 @@ from typing import Literal
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of an evaluation. Names and meanings are those of the options of the command line, but ``--contact-on``,
-    ``--contact-off`` and ``--contact-full`` are named ``contact_on_kpa``, ``contact_off_kpa`` and ``contact_full_kpa``.
+    """The options of an evaluation. Names and meanings are those of the options of the command line, but those of contact rule
+    and stance rule end with their units: ``--contact-on`` is named ``contact_on_kpa``, and ``--strike`` ``strike_n``.
     ``filter``, ``method``, ``bounds``, ``tissue`` and ``compression`` are options of fits, and a replay refuses them.
 
     ``size``: European shoe size, a whole number from 20 to 52, to which the typical tissue thickness is scaled.
@@ -26,6 +26,15 @@ class Options:
         parameter file, or 3/4.
     ``contact_full_kpa``: A cell in contact counts with the fraction sqrt(p / this pressure) of its area, at most 1, where p is
         its pressure; 0: always with its whole area, as in the paper; default: the value in the parameter file, or 150 kPa.
+    ``thresholds``: Thresholds of heel strike and toe off: proportional to the peaks of the wearer's steps (``adaptive``), or
+        fixed (``absolute``).
+    ``strike_n``: Heel strike is the frame in which the total force reaches this value; default: 35 N. If thresholds are adaptive,
+        the value applies to steps with a peak of 700 N.
+    ``release_n``: Toe off is the frame in which the total force falls below this value; default: 70 N. If thresholds are
+        adaptive, the value applies to steps with a peak of 700 N.
+    ``min_stance_ms``: A contact that is shorter than this time is not a step; default: 90 ms.
+    ``min_swing_ms``: A gap that is shorter than this time does not end a stance; default: 50 ms.
+    ``max_stance_ms``: A contact that is longer than this time is not a step; default: 2500 ms.
     ``zero``: The zero file written by ``plantar zero``. In a study, ``participant.toml`` names the file of each participant
         instead, and ``plantar.cohort`` refuses this option.
     """
@@ -39,4 +48,10 @@ class Options:
     contact_on_kpa: float | None = None
     contact_off_kpa: float | None = None
     contact_full_kpa: float | None = None
+    thresholds: Literal["adaptive", "absolute"] = "adaptive"
+    strike_n: float | None = None
+    release_n: float | None = None
+    min_stance_ms: int | None = None
+    min_swing_ms: int | None = None
+    max_stance_ms: int | None = None
     zero: str | os.PathLike[str] | None = None

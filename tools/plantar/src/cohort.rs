@@ -8,7 +8,7 @@ use crate::paths::{check_folders, check_written};
 use crate::people;
 use crate::repeat::{copies, output};
 use crate::replay::progress;
-use crate::setup::{ContactArgs, rule_in_words};
+use crate::setup::{ContactArgs, StanceArgs, rule_in_words};
 use crate::summary::counted;
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -81,6 +81,8 @@ pub struct Cohort {
     search: Search,
     #[command(flatten)]
     contact: ContactArgs,
+    #[command(flatten)]
+    stance: StanceArgs,
 }
 
 /// A processed participant.
@@ -98,6 +100,7 @@ impl Cohort {
         let start = Instant::now();
         self.search.check()?;
         self.contact.rule(None)?;
+        self.stance.rule()?;
         let names = people::names(&self.participants, Some(&self.out))?;
         let mut read = people::files(&self.participants, &names);
         read.push(self.participants.clone());
@@ -168,7 +171,7 @@ impl Cohort {
     /// cannot be used, appends the reason to `left_out`.
     fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Processed> {
         let folder = self.participants.join(name);
-        let (person, recordings) = people::open(&folder, &self.search, &self.contact)?;
+        let (person, recordings) = people::open(&folder, &self.search, &self.contact, &self.stance)?;
         let processed = |rows: &[_], is_cached| Processed {
             person: cohort::Person {
                 name: name.into(),

@@ -311,8 +311,7 @@ impl Emulate {
                         if identification.is_due() {
                             view.close();
                             board.plant().hold(true);
-                            let InsoleArgs { contact, wearer, .. } = &self.insole;
-                            arrived = identification.identify(client, contact, wearer.size)?.into_iter();
+                            arrived = identification.identify(client, &self.insole)?.into_iter();
                             board.plant().hold(false);
                             *view = View::open(client.hello())?;
                         }

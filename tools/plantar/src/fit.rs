@@ -7,7 +7,7 @@ mod sensitivity;
 use crate::gait::is_same_but_for_the_foot;
 use crate::paths::{check_folders, check_written};
 use crate::replay::{progress, write_text};
-use crate::setup::{self, ContactArgs, ZeroArgs};
+use crate::setup::{self, ContactArgs, StanceArgs, ZeroArgs};
 use crate::tables::check_json;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
@@ -19,6 +19,7 @@ use live::LiveSource;
 use parameters::{InsoleSize, TissueMeasurements};
 use plantar::checksum::crc32;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::{FrameSource, Layout, RecordingReader, output};
 use std::collections::BTreeSet;
 use std::fs;
@@ -68,6 +69,8 @@ pub struct Fit {
     search: Search,
     #[command(flatten)]
     contact: ContactArgs,
+    #[command(flatten)]
+    stance: StanceArgs,
     #[command(flatten)]
     zero: ZeroArgs,
 }
@@ -207,13 +210,20 @@ impl Fit {
             steps: None,
             search,
             contact: ContactArgs::default(),
+            stance: StanceArgs::default(),
             zero: ZeroArgs::default(),
         }
     }
 
     /// A fit of one recording of a person with this shoe size, with the default values of the other options of the search, and
     /// with the outputs of [`Fit::of_streams`].
-    pub fn of_cells(recording: PathBuf, folder: &Path, contact: ContactArgs, size: Option<InsoleSize>) -> Self {
+    pub fn of_cells(
+        recording: PathBuf,
+        folder: &Path,
+        contact: ContactArgs,
+        stance: StanceArgs,
+        size: Option<InsoleSize>,
+    ) -> Self {
         let search = Search {
             filter: None,
             method: MethodName::Projection,
@@ -222,7 +232,7 @@ impl Fit {
             size,
             compression: COMPRESSION,
         };
-        Self { contact, ..Self::of_streams(vec![recording], "the wearer".into(), folder, search) }
+        Self { contact, stance, ..Self::of_streams(vec![recording], "the wearer".into(), folder, search) }
     }
 
     /// Runs the command. Returns true if all regions were fitted and no result has a defect ([`Study::is_whole`]).
@@ -261,11 +271,12 @@ impl Fit {
         let inputs = self.recordings.iter().map(|path| Input::open(path)).collect::<Result<Vec<_>>>()?;
         self.check_cells_of_streams(&inputs)?;
         let mut study = Study::new(participant, self.contact_rule(&inputs)?, self.search.options(RESAMPLES)?);
+        let stance = self.stance.rule()?;
         let (mut known, mut recordings) = (Vec::new(), Vec::new());
         for input in inputs {
             match input {
                 Input::Recording(path) => {
-                    add_cells(&mut study, path, &self.zero, &mut known)?;
+                    add_cells(&mut study, path, stance, &self.zero, &mut known)?;
                     recordings.push(path);
                 }
                 Input::Live(sources) => sources.into_iter().try_for_each(|source| add_live(&mut study, source))?,
@@ -363,7 +374,7 @@ impl Fit {
     }
 
     /// The contact rule of the fit: that of the live streams, or else that of the options. Returns an error if the live streams
-    /// differ in their rules, or if an option contradicts them, as --zero does.
+    /// differ in their rules, or if an option contradicts them, as --zero and those of the stance rule do.
     fn contact_rule(&self, inputs: &[Input]) -> Result<ContactRule> {
         let mut measured: Option<(ContactRule, &LiveSource)> = None;
         for input in inputs {
@@ -383,7 +394,15 @@ impl Fit {
                 }
             }
         }
-        if let (true, Some(path)) = (inputs.iter().any(|i| matches!(i, Input::Live(_))), &self.zero.zero) {
+        let has_live = inputs.iter().any(|input| matches!(input, Input::Live(_)));
+        if has_live && self.stance.is_given() {
+            bail!(
+                "{} are for recordings of all cells: the insole found the steps of a live stream by its own stance rule; omit the \
+                 options, and fit recordings that need them separately",
+                StanceArgs::NAMES
+            );
+        }
+        if let (true, Some(path)) = (has_live, &self.zero.zero) {
             bail!(
                 "--zero {} is for recordings of all cells: the insole computed the areas and forces of a live stream; omit the \
                  option, and fit recordings that need it separately",
@@ -476,7 +495,13 @@ fn add_live(study: &mut Study, source: LiveSource) -> Result<()> {
 
 /// Adds the steps of a recording to the study. `known` has the checksums and names of the previous
 /// recordings: a recording may not be given twice, because its steps would then be predicted from copies of themselves.
-fn add_cells(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<(u32, String)>) -> Result<()> {
+fn add_cells(
+    study: &mut Study,
+    path: &Path,
+    stance: StanceRule,
+    zero: &ZeroArgs,
+    known: &mut Vec<(u32, String)>,
+) -> Result<()> {
     let reader = RecordingReader::open(path)?;
     // The checksum of each frame includes that of the frame before it.
     let mut checksum = 0u32;
@@ -489,7 +514,8 @@ fn add_cells(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<(u
     }
     known.push((checksum, path.display().to_string()));
     let source = FrameSource::from(reader);
-    let mut insole = study::virtual_insole(&source, study.contact).with_context(|| path.display().to_string())?;
+    let insole = study::virtual_insole(&source, study.contact, stance);
+    let mut insole = insole.with_context(|| path.display().to_string())?;
     zero.apply(&mut insole)?;
     let bar = progress(source.frames() as u64, "frames");
     study

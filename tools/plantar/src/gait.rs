@@ -4,6 +4,7 @@ use crate::cut_off::CutOff;
 use crate::fit::live::{self, session};
 use crate::paths::{check_folders, check_written};
 use crate::replay::{completed_step, progress, write_text};
+use crate::setup::StanceArgs;
 use crate::summary::{align, counted, table};
 use crate::tables::check_json;
 use crate::zero::GRAVITY_M_S2;
@@ -14,6 +15,7 @@ use client::{ClockMapping, STREAM_INSOLES, are_feet_comparable};
 use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost};
 use recording::export::{ONE_CONTACT, time_of};
@@ -42,6 +44,8 @@ pub struct GaitCommand {
     /// Write the measures to this JSON file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    #[command(flatten)]
+    stance: StanceArgs,
 }
 
 /// Parses the length of a stride. The limits are those of the page.
@@ -158,10 +162,19 @@ impl GaitCommand {
         check_written(&self.walk, &[self.json.as_deref()])?;
         check_folders(&[self.json.as_deref()])?;
         check_json(&[self.json.as_deref()], None)?;
+        let stance = self.stance.rule()?;
         let Walk { mut steps, mut others, .. } = Walk::default();
         let mut origins = Vec::new();
         for path in &self.walk {
-            let added = read(path).with_context(|| path.display().to_string())?;
+            let added = read(path, stance).with_context(|| path.display().to_string())?;
+            if added.origin.is_none() && self.stance.is_given() {
+                bail!(
+                    "{} are for recordings of all cells, and the steps in {} were found by an insole: omit the options, or change \
+                     the stance rule of the insole with `plantar insole set` before the walk",
+                    StanceArgs::NAMES,
+                    path.display()
+                );
+            }
             let is_in_both = |side: &Side| has_steps(&steps, *side) && has_steps(&added.steps, *side);
             if let Some(side) = [Side::Left, Side::Right].into_iter().find(is_in_both) {
                 bail!("both files contain steps of the {} foot: give one file for each foot", side.name());
@@ -256,8 +269,8 @@ fn retain_comparable(steps: &mut Vec<(Step, Option<Start>)>) -> bool {
     has_common_clock
 }
 
-/// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed.
-fn read(path: &Path) -> Result<Walk> {
+/// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed with this stance rule.
+fn read(path: &Path, stance: StanceRule) -> Result<Walk> {
     // A folder without a table of steps is a recording of all cells in parts, which is replayed.
     if path.join("steps").is_dir() {
         let steps = session::timed_steps(path)?.into_iter().map(|(step, start_s, is_exact)| {
@@ -265,7 +278,7 @@ fn read(path: &Path) -> Result<Walk> {
         });
         return Ok(Walk { steps: steps.collect(), others: session::other_records(path)?, origin: None });
     }
-    if live::is_stream(path) { from_stream(path) } else { from_recording(path) }
+    if live::is_stream(path) { from_stream(path) } else { from_recording(path, stance) }
 }
 
 /// Number of time messages ([`ToHost::Time`]) of an insole after which the offset of its clock from that of the host is known
@@ -348,9 +361,9 @@ fn from_stream(path: &Path) -> Result<Walk> {
 
 /// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column, which
 /// two recordings have in common unless they are of insoles.
-fn from_recording(path: &Path) -> Result<Walk> {
+fn from_recording(path: &Path, stance: StanceRule) -> Result<Walk> {
     let source = FrameSource::from(RecordingReader::open(path)?);
-    let virtual_insole = study::virtual_insole(&source, ContactRule::COUNTED)?;
+    let virtual_insole = study::virtual_insole(&source, ContactRule::COUNTED, stance)?;
     let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     let head = source.head();

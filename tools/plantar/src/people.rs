@@ -2,7 +2,7 @@
 
 use crate::fit::{Search, print_notes};
 use crate::paths::resolved;
-use crate::setup::ContactArgs;
+use crate::setup::{ContactArgs, StanceArgs};
 use anyhow::{Context, Result, bail};
 use parameters::Participant;
 use std::fs;
@@ -158,8 +158,14 @@ fn sorted_entries(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// The participant in a folder, and the paths of the recordings there, sorted by name.
-pub fn open(folder: &Path, search: &Search, contact: &ContactArgs) -> Result<(Person, Vec<PathBuf>)> {
-    let person = Person::open(folder, &search.of_study(), contact.rule(None)?, &|path| fs::read(path))?;
+pub fn open(
+    folder: &Path,
+    search: &Search,
+    contact: &ContactArgs,
+    stance: &StanceArgs,
+) -> Result<(Person, Vec<PathBuf>)> {
+    let (contact, stance) = (contact.rule(None)?, stance.rule()?);
+    let person = Person::open(folder, &search.of_study(), contact, stance, &|path| fs::read(path))?;
     print_notes(&person.notes);
     let mut recordings = Vec::new();
     let error = || format!("cannot read {}", folder.display());

@@ -6,7 +6,7 @@ use crate::fit::{Search, print_notes, write};
 use crate::paths::{check_folders, check_written};
 use crate::people;
 use crate::replay::progress;
-use crate::setup::{ContactArgs, rule_in_words};
+use crate::setup::{ContactArgs, StanceArgs, rule_in_words};
 use crate::tables::check_json;
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -65,6 +65,8 @@ pub struct Repeat {
     search: Search,
     #[command(flatten)]
     contact: ContactArgs,
+    #[command(flatten)]
+    stance: StanceArgs,
 }
 
 /// The trials of a person, and the reasons why recordings or the whole person cannot be used.
@@ -93,6 +95,7 @@ impl Repeat {
     pub fn run(&self) -> Result<bool> {
         self.search.check()?;
         let rule = self.contact.rule(None)?;
+        self.stance.rule()?;
         let study = self.study_folder();
         let options = self.search.tissue.iter().chain(&self.zero);
         let mut read: Vec<PathBuf> = self.inputs.iter().chain(options).cloned().collect();
@@ -168,7 +171,7 @@ impl Repeat {
         let bar = progress(names.len() as u64, "participants");
         let all = names.par_iter().with_max_len(1).map(|name| {
             let folder = study.join(name);
-            let trials = match people::open(&folder, &self.search, &self.contact) {
+            let trials = match people::open(&folder, &self.search, &self.contact, &self.stance) {
                 Ok((_, recordings)) if recordings.is_empty() => {
                     Trials::none(name, format!("{}: no recordings (*.parquet)", folder.display()))
                 }
@@ -203,7 +206,8 @@ impl Repeat {
             }
         }
         let settings = Participant { zero: self.zero.clone(), ..Participant::default() };
-        let person = Person::new(settings, &self.search.of_study(), self.contact.rule(None)?, &|path| fs::read(path))?;
+        let (contact, stance) = (self.contact.rule(None)?, self.stance.rule()?);
+        let person = Person::new(settings, &self.search.of_study(), contact, stance, &|path| fs::read(path))?;
         print_notes(&person.notes);
         Ok(trials_of("the person", &person, &self.inputs))
     }

@@ -2,7 +2,7 @@
 
 use crate::carrier::{Ports, open_error, open_serial, open_tcp};
 use crate::emulate::{EmulatedInsole, firmware, in_repository};
-use crate::setup::InsoleArgs;
+use crate::setup::{InsoleArgs, StanceArgs};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::{Carrier, Framed, READ_TIMEOUT};
@@ -74,8 +74,9 @@ impl Serve {
         }
         if self.emulate.is_empty() && self.insole.is_given() {
             bail!(
-                "--params, --size, --contact-on, --contact-off, --contact-full and --zero are for --emulate: set up a connected \
-                 insole with `plantar params` and `plantar insole` instead"
+                "--params, --size, --contact-on, --contact-off, --contact-full, {} and --zero are for --emulate: set up a \
+                 connected insole with `plantar params` and `plantar insole` instead",
+                StanceArgs::NAMES
             );
         }
         let mut sources = Vec::new();

@@ -1,14 +1,15 @@
-//! Options that several commands share: the wearer's parameters, the contact rule and the zero of the cells.
+//! Options that several commands share: the wearer's parameters, the contact rule, the stance rule and the zero of the cells.
 
 use anyhow::{Context, Result};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use parameters::{Identified, InsoleSize, Parameters, TypicalRange};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Step, StepRegion};
 use recording::{FrameSource, VirtualInsole, Zero};
 use std::path::{Path, PathBuf};
-use study::ContactOptions;
+use study::{ContactOptions, StanceOptions};
 
 /// The options of a command that plays a recording into a virtual or emulated insole.
 #[derive(Args)]
@@ -17,6 +18,8 @@ pub struct InsoleArgs {
     pub wearer: WearerArgs,
     #[command(flatten)]
     pub contact: ContactArgs,
+    #[command(flatten)]
+    pub stance: StanceArgs,
     #[command(flatten)]
     zero: ZeroArgs,
 }
@@ -30,9 +33,10 @@ impl InsoleArgs {
     /// True if an option has another value than its default.
     #[cfg(feature = "serve")]
     pub fn is_given(&self) -> bool {
-        let Self { wearer, contact, zero } = self;
+        let Self { wearer, contact, stance, zero } = self;
         let values = [contact.contact_on, contact.contact_off, contact.contact_full];
-        wearer.params.is_some() || wearer.size.is_some() || values != [None; 3] || zero.zero.is_some()
+        let is_rule_given = values != [None; 3] || stance.is_given();
+        wearer.params.is_some() || wearer.size.is_some() || is_rule_given || zero.zero.is_some()
     }
 
     /// The contact rule for these parameters. See [`ContactArgs::rule`].
@@ -42,7 +46,8 @@ impl InsoleArgs {
 
     /// Makes the virtual insole of the recording `source`, with the zero of the cells. `path` names the recording in an error.
     pub fn insole(&self, source: &FrameSource, rule: ContactRule, path: &Path) -> Result<VirtualInsole> {
-        let mut insole = study::virtual_insole(source, rule).with_context(|| path.display().to_string())?;
+        let stance = self.stance.rule()?;
+        let mut insole = study::virtual_insole(source, rule, stance).with_context(|| path.display().to_string())?;
         self.zero.apply(&mut insole)?;
         Ok(insole)
     }
@@ -166,6 +171,71 @@ impl ContactArgs {
         ];
         let mut given = options.into_iter().filter_map(|(name, given, measured)| Some((name, given?, measured)));
         given.find(|(_, given, measured)| given != measured).map(|(name, given, _)| format!("{name} {given}"))
+    }
+}
+
+/// The kinds of thresholds of heel strike and toe off; see the option --thresholds.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Thresholds {
+    Adaptive,
+    Absolute,
+}
+
+/// Options that change a stance rule.
+#[derive(Args, Clone, Default)]
+pub struct StanceArgs {
+    /// Thresholds of heel strike and toe off: adaptive ones are proportional to the peaks of the wearer's steps, and apply to the
+    /// force above that of the lifted foot; absolute ones are fixed [default: the value on the insole, or adaptive].
+    #[arg(long, value_enum)]
+    thresholds: Option<Thresholds>,
+    /// Heel strike is the frame in which the total force reaches this value, N, up to 1000. If it is below --release, a heel
+    /// strike needs the value of --release until the force has fallen below --strike after toe off. If thresholds are adaptive,
+    /// the value applies to steps with a peak of 700 N [default: the value on the insole, or 35].
+    #[arg(long, value_name = "N")]
+    strike: Option<f32>,
+    /// Toe off is the frame in which the total force falls below this value, N, up to 1000. If thresholds are adaptive, the value
+    /// applies to steps with a peak of 700 N [default: the value on the insole, or 70].
+    #[arg(long, value_name = "N")]
+    release: Option<f32>,
+    /// A contact that is shorter than this time, ms, is not a step [default: the value on the insole, or 90].
+    #[arg(long, value_name = "MS")]
+    min_stance: Option<u16>,
+    /// A gap that is shorter than this time, ms, does not end a stance [default: the value on the insole, or 50].
+    #[arg(long, value_name = "MS")]
+    min_swing: Option<u16>,
+    /// A contact that is longer than this time, ms, is not a step [default: the value on the insole, or 2500].
+    #[arg(long, value_name = "MS")]
+    max_stance: Option<u16>,
+}
+
+impl StanceArgs {
+    /// The names of the options, for messages.
+    pub const NAMES: &str = "--thresholds, --strike, --release, --min-stance, --min-swing and --max-stance";
+
+    fn values(&self) -> StanceOptions {
+        StanceOptions {
+            is_adaptive: self.thresholds.map(|thresholds| thresholds == Thresholds::Adaptive),
+            strike_n: self.strike,
+            release_n: self.release,
+            min_stance_ms: self.min_stance,
+            min_swing_ms: self.min_swing,
+            max_stance_ms: self.max_stance,
+        }
+    }
+
+    /// True if an option is given.
+    pub fn is_given(&self) -> bool {
+        self.values() != StanceOptions::default()
+    }
+
+    /// This rule, with the values of the given options.
+    pub fn changed(&self, rule: StanceRule) -> StanceRule {
+        self.values().changed(rule)
+    }
+
+    /// The default rule, with the values of the given options.
+    pub fn rule(&self) -> Result<StanceRule> {
+        self.values().rule().context(Self::NAMES)
     }
 }
 

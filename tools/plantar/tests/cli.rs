@@ -86,6 +86,48 @@ fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
     assert!(std::fs::read_to_string(path.join("step.svg")).expect("a picture").contains("</svg>"));
 }
 
+/// From frame 20 on, the force rises by 5 N in each frame to 50 N, and falls in the same way to 0 in frame 69. The foot is unloaded
+/// in the frames 40 to 45.
+#[test]
+fn the_options_of_the_stance_rule_determine_the_steps_of_a_recording() {
+    let (_folder, path) = folder();
+    let frames: String = (0..100)
+        .map(|i: i32| {
+            let force_n = if (40..46).contains(&i) { 0 } else { 5 * (i - 19).min(69 - i).clamp(0, 10) };
+            // 5 kPa on the 200 mm2 of the heel are 1 N.
+            let kpa = 5 * force_n;
+            format!("{:.2},{kpa},{kpa},0,0\n", f64::from(i) * 0.01)
+        })
+        .collect();
+    std::fs::write(path.join("frames.csv"), format!("t_s,c0,c1,c2,c3\n{frames}")).expect("written");
+    succeed(&path, IMPORT);
+    let steps = |options: &str| -> Vec<(f64, f64)> {
+        succeed(&path, &format!("replay walk.parquet {options} --json steps.json"));
+        let steps = json(&path.join("steps.json"));
+        let seconds = |step: &Value, key: &str| step[key].as_f64().expect("a time");
+        let steps = steps.as_array().expect("steps").iter();
+        steps.map(|step| (seconds(step, "start_s"), seconds(step, "duration_s"))).collect()
+    };
+    // By the default rule, a contact below 70 N is no step.
+    assert_eq!(steps(""), []);
+    // The force reaches 12 N in frame 22 and falls below 8 N in frame 68.
+    let absolute = "--thresholds absolute --strike 12 --release 8";
+    let (first, second, bridged) = ((0.22, 0.18), (0.46, 0.22), (0.22, 0.46));
+    assert_eq!(steps(absolute), [first, second]);
+    assert_eq!(steps(&format!("{absolute} --min-stance 200")), [second]);
+    assert_eq!(steps(&format!("{absolute} --max-stance 200")), [first]);
+    assert_eq!(steps(&format!("{absolute} --min-swing 70")), [bridged]);
+    // Adaptive thresholds follow the peaks: after a step with 50 N, that of toe off is 4.3 N instead of 8 N.
+    assert_eq!(steps("--strike 12 --release 8"), [first, (0.46, 0.23)]);
+    for option in ["--strike 0", "--release 1001", "--min-stance 2500", "--min-swing 0"] {
+        fail(
+            &path,
+            &format!("replay walk.parquet {option}"),
+            &["--strike, --release", "invalid stance rule", "above 0"],
+        );
+    }
+}
+
 #[test]
 fn the_times_of_a_csv_file_may_be_uneven_if_its_frames_are_resampled() {
     let (_folder, path) = folder();
@@ -391,7 +433,7 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     fail(&path, "monitor --tcp 127.0.0.1:1 --json a.json --alerts ./a.json", &["a.json", "name another file"]);
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
     // Options of an emulated insole are not silently ignored for a connected one.
-    for option in ["--size 41", "--params p.toml", "--contact-on 20", "--zero z.toml"] {
+    for option in ["--size 41", "--params p.toml", "--contact-on 20", "--strike 20", "--zero z.toml"] {
         fail(&path, &format!("serve --tcp 127.0.0.1:1 {option}"), &["are for --emulate", "plantar insole"]);
     }
 }

@@ -126,6 +126,28 @@ fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
     assert!(ann.iter().filter(|row| row["fitted"] == Field::Bool(true)).count() > 30);
 }
 
+/// With absolute thresholds, the recorded force alone determines heel strike and toe off.
+#[test]
+fn steps_begin_and_end_at_the_stated_thresholds() {
+    const STRIKE_N: f64 = 300.0;
+    const RELEASE_N: f64 = 250.0;
+    let (_folder, path) = people();
+    let options = format!("--thresholds absolute --strike {STRIKE_N} --release {RELEASE_N}");
+    let (status, text_of_run) = outcome(&cohort(&path, &options));
+    assert_eq!(status, Some(0), "{text_of_run}");
+    let ann = rows(&path, "ann");
+    assert_eq!(ann.len(), 6 * 8);
+    for row in ann.iter().step_by(8) {
+        let recording = Recording::read(path.join("people/ann").join(text(row, "recording"))).expect("a recording");
+        let at = |time_s: f64| recording.t_s.iter().position(|t_s| (t_s - time_s).abs() < 1e-6).expect("a frame");
+        let start_s = number(row, "start_s");
+        let (strike, off) = (at(start_s), at(start_s + number(row, "duration_s")));
+        let force_n = |frame: usize| recording.force_n(frame);
+        assert!(force_n(strike - 1) < STRIKE_N && force_n(strike) >= STRIKE_N, "heel strike at {start_s} s");
+        assert!(force_n(off - 1) >= RELEASE_N && force_n(off) < RELEASE_N, "toe off at {} s", recording.t_s[off]);
+    }
+}
+
 #[test]
 fn the_loads_of_each_region_are_those_of_the_step_record() {
     let (_folder, path) = people();
@@ -268,10 +290,13 @@ fn a_second_run_processes_only_changed_participants() {
     again("", &["8 steps of 1 participant in "]);
     fs::write(path.join("people/ann/participant.toml"), "size = 37").expect("written");
     again("", &["8 steps of 1 participant in ", "37-38 (1)"]);
+    again("--bounds paper --release 60", &["14 steps of 2 participants"]);
     again("--bounds paper", &["14 steps of 2 participants"]);
     // Invalid options change nothing.
-    let (status, text_of_invalid) = outcome(&cohort(&path, "--contact-on 5 --contact-off 6"));
-    assert_eq!((status, text_of_invalid.contains("--contact-off")), (Some(1), true), "{text_of_invalid}");
+    for (invalid, named) in [("--contact-on 5 --contact-off 6", "--contact-off"), ("--release 0", "--release")] {
+        let (status, text_of_invalid) = outcome(&cohort(&path, invalid));
+        assert_eq!((status, text_of_invalid.contains(named)), (Some(1), true), "{text_of_invalid}");
+    }
     // A participant without a folder is no longer counted, but a note names the participant's file.
     fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
     again("--bounds paper", &["participants already up to date: 1", "participant=ann", "remove the file"]);

@@ -80,10 +80,10 @@ fn number(field: &str) -> f64 {
 #[test]
 fn an_export_has_the_frames_and_steps_of_a_replay() {
     let folder = folder();
-    let output = export(folder.path(), "csv left.parquet --contact-on 20 --out walk.csv");
+    let output = export(folder.path(), "csv left.parquet --contact-on 20 --release 200 --out walk.csv");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let mut replay = Command::new(env!("CARGO_BIN_EXE_plantar"));
-    replay.args("replay left.parquet --contact-on 20 --frames frames.csv --json steps.json".split(' '));
+    replay.args("replay left.parquet --contact-on 20 --release 200 --frames frames.csv --json steps.json".split(' '));
     assert!(replay.current_dir(folder.path()).output().expect("the program starts").status.success());
     let exported = rows(&folder.path().join("walk.csv"));
     let quantity = |region: &str, name: &str| {

@@ -478,6 +478,7 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     fail(path, "fit changed.plantar", &["changed.plantar", "the contact rule changed", "record each rule separately"]);
     fail(path, "fit a.plantar --contact-full 100", &["--contact-full 100 contradicts a.plantar", "omit the option"]);
     fail(path, "fit a.plantar --zero zero.toml", &["--zero zero.toml", "omit the option"]);
+    fail(path, "fit a.plantar --release 50", &["--release", "its own stance rule", "omit the options"]);
     fail(path, "fit a.plantar copy.plantar", &["copy.plantar", "same steps as a.plantar", "once"]);
     // The stream and the cells of the same walk.
     for sources in ["walk.parquet a.plantar", "a.plantar walk.parquet"] {

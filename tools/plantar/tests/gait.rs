@@ -228,6 +228,10 @@ fn recordings_of_both_feet_have_their_true_stride_and_step_times() {
     assert!((mean(&gait, "stride_time_s", "left") - (stance_s + swing_s)).abs() < 1e-6, "{gait:#}");
     assert!((mean(&gait, "step_time_s", "right") - 0.4).abs() < 1e-6, "{gait:#}");
     assert!((mean(&gait, "step_time_s", "left") - (stance_s + swing_s - 0.4)).abs() < 1e-6, "{gait:#}");
+    // An earlier toe off, at a higher force, makes the stance shorter, but not the stride.
+    let (earlier, _) = measures(folder.path(), "left.parquet right.parquet --thresholds absolute --release 300");
+    assert!(mean(&earlier, "stance_time_s", "left") < mean(&gait, "stance_time_s", "left"), "{earlier:#}");
+    assert!((mean(&earlier, "stride_time_s", "left") - (stance_s + swing_s)).abs() < 1e-6, "{earlier:#}");
     // A recording can also be a folder with its parts, as `plantar record --cells` writes it.
     std::fs::create_dir(folder.path().join("cells")).expect("made");
     std::fs::copy(folder.path().join("left.parquet"), folder.path().join("cells/0.parquet")).expect("copied");
@@ -289,6 +293,10 @@ fn a_truncated_stream_is_noted_and_a_file_without_a_stream_is_refused_with_the_r
     let output = gait(folder.path(), "walk.plantar");
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && text.contains("walk.plantar is truncated"), "{text}");
+    let output = gait(folder.path(), "walk.plantar --release 50");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success(), "{text}");
+    assert!(text.contains("walk.plantar were found by an insole") && text.contains("plantar insole set"), "{text}");
     std::fs::write(&path, "this is a text and no stream").expect("written");
     let output = gait(folder.path(), "walk.plantar");
     let text = String::from_utf8_lossy(&output.stderr);

@@ -3,9 +3,9 @@
 //! [`fits::rows`] fits each step of one recording of a [`Person`]. It has no state, so any program can distribute the
 //! recordings of a study: the command line over threads, or an engine such as Dask or Spark, which receives the rows through
 //! the Python package. [`records`] and [`frames`] have the columns of steps and of frames, and [`table`] writes rows as
-//! Parquet. [`Search`] and [`ContactOptions`] are the options. The settings of a participant, zero files (readings of the
-//! unloaded cells) and tissue measurements are read through a [`ReadFile`], because the files of a study may be in object
-//! storage.
+//! Parquet. [`Search`], [`ContactOptions`] and [`StanceOptions`] are the options. The settings of a participant, zero files
+//! (readings of the unloaded cells) and tissue measurements are read through a [`ReadFile`], because the files of a study may be
+//! in object storage.
 
 pub mod fits;
 pub mod frames;
@@ -15,7 +15,7 @@ pub mod table;
 mod options;
 mod person;
 
-pub use options::{ContactOptions, Search, virtual_insole};
+pub use options::{ContactOptions, Search, StanceOptions, virtual_insole};
 pub use person::{Person, SETTINGS_FILE};
 
 use std::io;

@@ -1,4 +1,4 @@
-//! The options of an evaluation: filter, method and bounds of the search, the tissue, and the contact rule.
+//! The options of an evaluation: filter, method and bounds of the search, the tissue, the contact rule and the stance rule.
 
 use crate::ReadFile;
 use anyhow::{Context, Result, bail};
@@ -153,13 +153,64 @@ impl ContactOptions {
     }
 }
 
-/// Makes a virtual insole with this contact rule for a recording.
+/// Values that replace those of a stance rule. `None` leaves the value of the rule.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StanceOptions {
+    /// True for thresholds that are proportional to the peaks of the wearer's steps, false for fixed ones.
+    pub is_adaptive: Option<bool>,
+    /// Threshold of heel strike, N.
+    pub strike_n: Option<f32>,
+    /// Threshold of toe off, N.
+    pub release_n: Option<f32>,
+    /// A shorter contact is not a step, ms.
+    pub min_stance_ms: Option<u16>,
+    /// A shorter gap does not end a stance, ms.
+    pub min_swing_ms: Option<u16>,
+    /// A longer contact is not a step, ms.
+    pub max_stance_ms: Option<u16>,
+}
+
+impl StanceOptions {
+    /// Returns `rule` with the values of these options that are given.
+    pub fn changed(&self, rule: StanceRule) -> StanceRule {
+        StanceRule {
+            strike_n: self.strike_n.unwrap_or(rule.strike_n),
+            release_n: self.release_n.unwrap_or(rule.release_n),
+            min_stance_ms: self.min_stance_ms.unwrap_or(rule.min_stance_ms),
+            min_swing_ms: self.min_swing_ms.unwrap_or(rule.min_swing_ms),
+            max_stance_ms: self.max_stance_ms.unwrap_or(rule.max_stance_ms),
+            is_adaptive: self.is_adaptive.unwrap_or(rule.is_adaptive),
+        }
+    }
+
+    /// Returns [`StanceRule::ADAPTIVE`] with the values of these options that are given.
+    ///
+    /// # Errors
+    /// Fails if the result is no valid rule.
+    pub fn rule(&self) -> Result<StanceRule> {
+        let rule = self.changed(StanceRule::ADAPTIVE);
+        if !rule.is_valid() {
+            bail!(
+                "invalid stance rule, from {} N until below {} N, {} to {} ms, gaps below {} ms bridged: strike and release must \
+                 be above 0 and at most 1000 N, min-stance below max-stance, and min-swing above 0",
+                rule.strike_n,
+                rule.release_n,
+                rule.min_stance_ms,
+                rule.max_stance_ms,
+                rule.min_swing_ms
+            );
+        }
+        Ok(rule)
+    }
+}
+
+/// Makes a virtual insole with these rules for a recording.
 ///
 /// # Errors
 /// Fails if no insole supports the recording's frame rate, or the recording cannot be read.
-pub fn virtual_insole(source: &FrameSource, rule: ContactRule) -> Result<VirtualInsole> {
+pub fn virtual_insole(source: &FrameSource, contact: ContactRule, stance: StanceRule) -> Result<VirtualInsole> {
     let recording = source.head();
-    let insole = VirtualInsole::up_to(source.largest_kpa()?, recording, rule, StanceRule::ADAPTIVE);
+    let insole = VirtualInsole::up_to(source.largest_kpa()?, recording, contact, stance);
     if !PERIOD_US.contains(&insole.setup.period_us) {
         bail!(
             "the recording has {:.2} frames per second, and 20 to 500 are supported: import it again with --rate 100",

@@ -7,6 +7,7 @@ use fit::steps::isolate;
 use fit::{Options, Step};
 use parameters::{InsoleSize, Participant};
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::{FrameSource, VirtualInsole, Zero};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -25,6 +26,8 @@ pub struct Person {
     pub options: Options,
     /// The contact rule.
     pub contact: ContactRule,
+    /// The stance rule.
+    pub stance: StanceRule,
     /// A note on each value of the tissue measurements that is out of range and therefore not used.
     pub notes: Vec<String>,
     /// The file with the readings of the unloaded cells, and its content.
@@ -36,20 +39,32 @@ impl Person {
     ///
     /// # Errors
     /// Fails if a file cannot be read or used, or an option is out of range.
-    pub fn open(folder: &Path, search: &Search, contact: ContactRule, read: ReadFile) -> Result<Self> {
+    pub fn open(
+        folder: &Path,
+        search: &Search,
+        contact: ContactRule,
+        stance: StanceRule,
+        read: ReadFile,
+    ) -> Result<Self> {
         let path = folder.join(SETTINGS_FILE);
         let settings = match read(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Participant::default(),
             content => Participant::parse(&text(&path, content)?, &path)?,
         };
-        Self::new(settings, search, contact, read)
+        Self::new(settings, search, contact, stance, read)
     }
 
     /// A participant with these settings.
     ///
     /// # Errors
     /// Fails if a file cannot be read or used, or an option is out of range.
-    pub fn new(settings: Participant, search: &Search, contact: ContactRule, read: ReadFile) -> Result<Self> {
+    pub fn new(
+        settings: Participant,
+        search: &Search,
+        contact: ContactRule,
+        stance: StanceRule,
+        read: ReadFile,
+    ) -> Result<Self> {
         let size = settings.size.unwrap_or(search.size);
         let search = Search { size, tissue: settings.tissue.clone().or(search.tissue.clone()), ..search.clone() };
         let (tissue, notes) = search.tissue(read)?;
@@ -57,13 +72,13 @@ impl Person {
             |path: &PathBuf| Ok::<_, anyhow::Error>((path.clone(), Zero::parse(&text(path, read(path))?, path)?));
         let zero = settings.zero.as_ref().map(read_zero).transpose()?;
         let no_resamples = 0;
-        Ok(Self { size, options: search.options(&tissue, no_resamples)?, contact, notes, zero, settings })
+        Ok(Self { size, options: search.options(&tissue, no_resamples)?, contact, stance, notes, zero, settings })
     }
 
     /// Everything that determines the rows of this person, except the recordings and the version of the program, as text.
     pub fn description(&self) -> String {
-        let Self { settings, size, options, contact, zero, .. } = self;
-        format!("{size} {settings:?} {options:?} {contact:?} {zero:?}")
+        let Self { settings, size, options, contact, stance, zero, .. } = self;
+        format!("{size} {settings:?} {options:?} {contact:?} {stance:?} {zero:?}")
     }
 
     /// The virtual insole of a recording, with the zeros of this person's zero file, if there is one.
@@ -71,7 +86,7 @@ impl Person {
     /// # Errors
     /// Fails if no insole supports the recording's frame rate, the recording cannot be read, or the zero file is for other cells.
     pub fn insole(&self, source: &FrameSource) -> Result<VirtualInsole> {
-        let mut insole = virtual_insole(source, self.contact)?;
+        let mut insole = virtual_insole(source, self.contact, self.stance)?;
         if let Some((path, zero)) = &self.zero {
             zero.apply_to(&mut insole, &path.display().to_string())?;
         }

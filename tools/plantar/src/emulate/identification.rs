@@ -1,10 +1,10 @@
 //! The identification of the wearer of an emulated insole from the cells that the insole sends.
 
 use crate::fit::Fit;
-use crate::setup::ContactArgs;
+use crate::setup::InsoleArgs;
 use anyhow::{Context, Result};
 use client::{Carrier, CellReceiver, Client, StartedCells};
-use parameters::{InsoleSize, Parameters};
+use parameters::Parameters;
 use plantar::protocol::{CellFrame, CellStream, Resolution, Step, ToHost};
 use recording::StreamedCells;
 use std::path::{Path, PathBuf};
@@ -68,14 +68,9 @@ impl Identification {
         self.sent_us.is_some()
     }
 
-    /// Identifies the parameters from the recorded cells, as `plantar fit` does for this shoe size, and sends them to the insole.
-    /// Returns the messages that arrived meanwhile, in their order.
-    pub fn identify(
-        &mut self,
-        client: &mut Client<impl Carrier>,
-        contact: &ContactArgs,
-        size: Option<InsoleSize>,
-    ) -> Result<Vec<ToHost>> {
+    /// Identifies the parameters from the recorded cells, as `plantar fit` does with the shoe size and the rules of these options,
+    /// and sends them to the insole. Returns the messages that arrived meanwhile, in their order.
+    pub fn identify(&mut self, client: &mut Client<impl Carrier>, options: &InsoleArgs) -> Result<Vec<ToHost>> {
         let recording = self
             .cells
             .take("Recorded from the emulated insole")
@@ -93,7 +88,8 @@ impl Identification {
         std::thread::scope(|scope| {
             let fitted = scope.spawn(|| {
                 recording.write(&path)?;
-                let fit = Fit::of_cells(path, &self.folder, contact.clone(), size);
+                let InsoleArgs { contact, stance, wearer, .. } = options;
+                let fit = Fit::of_cells(path, &self.folder, contact.clone(), stance.clone(), wearer.size);
                 fit.write(&fit.study()?)
             });
             // QEMU stops the board while nobody reads its link.

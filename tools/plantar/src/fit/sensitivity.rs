@@ -15,7 +15,8 @@ impl Fit {
         let mut all = Vec::new();
         for (index, path) in recordings.iter().enumerate() {
             let recording = FrameSource::from(RecordingReader::open(path).map_err(|e| e.to_string())?);
-            let mut insole = study::virtual_insole(&recording, *rule).map_err(|e| format!("{e:#}"))?;
+            let insole = self.stance.rule().and_then(|stance| study::virtual_insole(&recording, *rule, stance));
+            let mut insole = insole.map_err(|e| format!("{e:#}"))?;
             self.zero.apply(&mut insole).map_err(|e| format!("{e:#}"))?;
             let (steps, _) =
                 isolate(&insole, insole.scans(recording), index, &mut |_| ()).map_err(|e| e.to_string())?;

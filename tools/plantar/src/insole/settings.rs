@@ -1,9 +1,9 @@
 //! The settings of an insole: rules, frame rate and size.
 
 use crate::carrier::AnyClient;
-use crate::setup::{ContactArgs, rule_in_words};
+use crate::setup::{ContactArgs, StanceArgs, rule_in_words};
 use anyhow::{Context, Result, ensure};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use parameters::InsoleSize;
 use plantar::pipeline::setup::Setup;
 use plantar::protocol::{Refusal, SCALE, Settings};
@@ -24,39 +24,12 @@ fn layout_size(text: &str) -> Result<InsoleSize, String> {
     })
 }
 
-/// The kinds of thresholds of heel strike and toe off; see the option --thresholds.
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Thresholds {
-    Adaptive,
-    Absolute,
-}
-
 #[derive(Args)]
 pub struct SettingsArgs {
     #[command(flatten)]
     contact: ContactArgs,
-    /// Thresholds of heel strike and toe off: adaptive ones are proportional to the peaks of the wearer's steps, and apply to the
-    /// force above that of the lifted foot; absolute ones are fixed.
-    #[arg(long, value_enum)]
-    thresholds: Option<Thresholds>,
-    /// Heel strike is the frame in which the total force reaches this value, N, up to 1000. If it is below --release, a heel
-    /// strike needs the value of --release until the force has fallen below --strike after toe off. If thresholds are adaptive,
-    /// the value applies to steps with a peak of 700 N.
-    #[arg(long, value_name = "N")]
-    strike: Option<f32>,
-    /// Toe off is the frame in which the total force falls below this value, N, up to 1000. If thresholds are adaptive, the value
-    /// applies to steps with a peak of 700 N.
-    #[arg(long, value_name = "N")]
-    release: Option<f32>,
-    /// A contact that is shorter than this time, ms, is not a step.
-    #[arg(long, value_name = "MS")]
-    min_stance: Option<u16>,
-    /// A gap that is shorter than this time, ms, does not end a stance.
-    #[arg(long, value_name = "MS")]
-    min_swing: Option<u16>,
-    /// A contact that is longer than this time, ms, is not a step.
-    #[arg(long, value_name = "MS")]
-    max_stance: Option<u16>,
+    #[command(flatten)]
+    stance: StanceArgs,
     /// Frames per second, 50 to 400. The board `wb55` supports at most 333, the board `nrf52840` at most 105; at higher rates,
     /// they miss frames.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=400))]
@@ -104,16 +77,8 @@ impl SettingsArgs {
     fn changed(&self, mut settings: Settings) -> Settings {
         let Settings { contact, stance, period_us, scale } = &mut settings;
         *contact = self.contact.changed(*contact);
-        let set = |field: &mut f32, value: Option<f32>| *field = value.unwrap_or(*field);
-        set(&mut stance.strike_n, self.strike);
-        set(&mut stance.release_n, self.release);
-        set(scale, self.size.map(scale_of));
-        let set_ms = |field: &mut u16, value: Option<u16>| *field = value.unwrap_or(*field);
-        stance.is_adaptive =
-            self.thresholds.map_or(stance.is_adaptive, |thresholds| thresholds == Thresholds::Adaptive);
-        set_ms(&mut stance.min_stance_ms, self.min_stance);
-        set_ms(&mut stance.min_swing_ms, self.min_swing);
-        set_ms(&mut stance.max_stance_ms, self.max_stance);
+        *stance = self.stance.changed(*stance);
+        *scale = self.size.map_or(*scale, scale_of);
         *period_us = self.rate.map_or(*period_us, |rate| 1_000_000 / rate);
         settings
     }
