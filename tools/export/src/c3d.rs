@@ -4,7 +4,7 @@
 //! A file consists of blocks of 512 bytes: the header, the parameters, and the data. It has no points, so that a frame consists
 //! of one sample of each analog channel.
 
-use crate::session::content;
+use crate::session::{ascii, content};
 use crate::{Event, EventKind, Session};
 use plantar::Side;
 use recording::{Result, output};
@@ -29,7 +29,8 @@ const MOST_ELEMENTS: usize = u8::MAX as usize;
 const MOST_PARAMETER_BLOCKS: usize = u8::MAX as usize;
 
 /// Writes a C3D file. The channels have the units and descriptions of the session; the value of an absent centre of pressure is
-/// 0. Event times begin with 0 at the first frame.
+/// 0. Event times begin with 0 at the first frame. The group `PLANTAR` has the time of this frame on the clock of the recordings
+/// and the provenance of each foot.
 ///
 /// # Errors
 /// Fails if the file cannot be written, or the events exceed the section of the parameters, which has at most 127 KiB.
@@ -125,7 +126,29 @@ fn parameters(session: &Session, events: &[Event], data_block: u16) -> Vec<u8> {
     // Icon numbers as written by the usual motion-capture programs: 1 foot strike, 2 foot off.
     let icon = |event: &Event| if event.kind == EventKind::HeelStrike { 1 } else { 2 };
     to.integers(4, "ICON_IDS", &events.iter().map(icon).collect::<Vec<_>>());
+
+    to.group(5, "PLANTAR");
+    // A text, because a real in single precision resolves some milliseconds of a time of day only.
+    let start_s = (session.t_s[0] * 1e6).round() / 1e6;
+    to.texts(5, "START_S", &[start_s.to_string()]);
+    for foot in &session.feet {
+        let name = if foot.side == Side::Left { "SOURCE_LEFT" } else { "SOURCE_RIGHT" };
+        to.texts(5, name, &lines(&foot.source));
+    }
     to.finish()
+}
+
+/// A text in ASCII, as lines of at most [`MOST_ELEMENTS`] characters. A line ends at a space of the text if it contains one.
+fn lines(text: &str) -> Vec<String> {
+    let (text, mut lines) = (ascii(text), Vec::new());
+    let mut rest = text.trim();
+    while rest.len() > MOST_ELEMENTS {
+        let end = rest[..=MOST_ELEMENTS].rfind(' ').unwrap_or(MOST_ELEMENTS);
+        lines.push(rest[..end].into());
+        rest = rest[end..].trim_start();
+    }
+    lines.extend((!rest.is_empty()).then(|| rest.into()));
+    lines
 }
 
 /// The bytes of the section with the parameters.

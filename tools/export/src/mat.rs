@@ -1,6 +1,6 @@
 //! MATLAB's format version 7, which GNU Octave and SciPy read, too.
 
-use crate::session::{content, of_whole_step};
+use crate::session::{ascii, content, of_whole_step};
 use crate::{Foot, Session};
 use matrw::{CellArray, MatFile, MatVariable, MatlabType, NumericArray, Structure, save_matfile_v7};
 use plantar::Region;
@@ -125,8 +125,7 @@ fn array(rows: usize, columns: usize, values: MatlabType) -> MatVariable {
 
 /// A text in ASCII, because the library loses other characters.
 fn text(text: &str) -> MatVariable {
-    let ascii: String = text.chars().map(|character| if character.is_ascii() { character } else { '?' }).collect();
-    MatVariable::from(ascii.as_str())
+    MatVariable::from(ascii(text).as_str())
 }
 
 fn texts<const N: usize>(texts: [&str; N]) -> MatVariable {

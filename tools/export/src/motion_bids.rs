@@ -92,6 +92,8 @@ fn sidecar(session: &Session, task: &str, program: &str) -> Value {
         "SamplingFrequencyEffective": session.rate_hz,
         "RecordingType": "continuous",
         "RecordingDuration": session.frames() as f64 / session.rate_hz,
+        // A key of this project: the time of the first sample, s, on the clock of the recordings.
+        "RecordingStartTime": session.t_s[0],
         "TrackingSystemName": "insole",
         "SoftwareVersions": program,
         "MotionChannelCount": session.channels().len(),

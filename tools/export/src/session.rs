@@ -297,6 +297,11 @@ pub(crate) fn of_whole_step() -> impl Iterator<Item = &'static plantar::protocol
     Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name))
 }
 
+/// A text with a question mark in place of each character that is not in ASCII, for formats without other characters.
+pub(crate) fn ascii(text: &str) -> String {
+    text.chars().map(|character| if character.is_ascii() { character } else { '?' }).collect()
+}
+
 /// An error in the content of a recording, in the parameters or in an option of the export. `place` names what the message is
 /// about: the recordings, the parameters or the output.
 pub(crate) fn content(place: &str, problem: String, remedy: &str) -> Error {

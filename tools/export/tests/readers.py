@@ -9,6 +9,7 @@ format or the reader has them:
 - `units`: the unit of each channel by its name
 - `events`: pairs of a time in s and a name
 - `event_count`, `frames`: the numbers of events and of frames that the file states
+- `start_s`, `sources`: the time of the first frame on the clock of the recordings, and the provenance of each foot
 - `feet`: for each side: the layout (or only the positions) of the cells, their pressures, the steps, the source, and the times
   of the events
 - `errors`, `warnings`: the findings of the validator of BIDS
@@ -48,11 +49,20 @@ def in_parts(name, get):
     return values
 
 
+def provenance(get):
+    """The start time and the sources in the group PLANTAR of a C3D file, of which `get` returns the texts of a parameter."""
+    sources = {side: get(f"SOURCE_{side.upper()}") for side in ("left", "right")}
+    return {
+        "start_s": float(get("START_S")[0]),
+        "sources": {side: " ".join(text.strip() for text in texts) for side, texts in sources.items() if texts is not None},
+    }
+
+
 def read_ezc3d(path):
     import ezc3d
 
     file = ezc3d.c3d(str(path))
-    analog, event = file["parameters"]["ANALOG"], file["parameters"]["EVENT"]
+    analog, event, own = (file["parameters"][group] for group in ("ANALOG", "EVENT", "PLANTAR"))
     get = lambda name: np.asarray(event[name]["value"]).T if name in event else None
     times = in_parts("TIMES", get)
     values = file["data"]["analogs"][0]
@@ -63,6 +73,7 @@ def read_ezc3d(path):
         "events": events(times, in_parts("CONTEXTS", get), in_parts("LABELS", get)),
         "event_count": int(event["USED"]["value"][0]),
         "frames": int(file["header"]["points"]["last_frame"] - file["header"]["points"]["first_frame"] + 1),
+        **provenance(lambda name: own[name]["value"] if name in own else None),
     }
 
 
@@ -80,6 +91,10 @@ def read_c3d(path):
                 return None if parameter is None else []
             return parameter.float_array.reshape(-1, 2) if name.startswith("TIMES") else parameter.string_array
 
+        def own(name):
+            parameter = file.get(f"PLANTAR:{name}")
+            return None if parameter is None else parameter.string_array
+
         strip = lambda texts: [text.strip() for text in texts]
         return {
             "rate_hz": float(file.analog_rate),
@@ -88,6 +103,7 @@ def read_c3d(path):
             "events": events(in_parts("TIMES", get), strip(in_parts("CONTEXTS", get)), strip(in_parts("LABELS", get))),
             "event_count": int(file.get("EVENT:USED").uint16_value),
             "frames": int(file.frame_count),
+            **provenance(own),
         }
 
 
@@ -160,6 +176,7 @@ def read_bids(path):
     sidecar = json.loads(next(motion.glob("*_motion.json")).read_text())
     return {
         "rate_hz": sidecar["SamplingFrequency"],
+        "start_s": sidecar["RecordingStartTime"],
         "channels": {name: plain(samples[i]) for i, name in enumerate(channels.name)},
         "units": dict(zip(channels.name, channels.units)),
         "events": [[row.onset, row.trial_type] for row in event_table.itertuples()],

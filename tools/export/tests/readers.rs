@@ -33,7 +33,16 @@ fn foot(recording: Recording) -> Foot {
 }
 
 fn both_feet() -> Session {
-    let feet = [Side::Right, Side::Left].map(|side| foot(walk(side, 5, 60)));
+    both_feet_late(0.0)
+}
+
+/// Both feet, with times that are later than those of [`walk`] by `late_s`.
+fn both_feet_late(late_s: f64) -> Session {
+    let feet = [Side::Right, Side::Left].map(|side| {
+        let mut recording = walk(side, 5, 60);
+        recording.t_s.iter_mut().for_each(|t_s| *t_s += late_s);
+        foot(recording)
+    });
     Session::new(feet.into(), None, None).expect("one clock")
 }
 
@@ -265,15 +274,30 @@ fn an_event_in_the_last_frame_of_the_later_foot_is_exported() {
     assert_eq!(times, [end_s], "{events:?}");
 }
 
+/// A time of day, s, of which single precision has no milliseconds.
+const TIME_OF_DAY_S: f64 = 45_296.123;
+
+/// Compares the start of the session `both_feet_late(TIME_OF_DAY_S)`, which begins with the right foot.
+fn compare_start(found: &Value) {
+    let start_s = found["start_s"].as_f64().expect("a time");
+    assert!((start_s - (TIME_OF_DAY_S + 3.0 + LAG_S)).abs() < 1e-6, "{start_s}");
+}
+
 #[test]
 #[ignore = "needs the readers of the formats: cargo xtask test"]
 fn c3d_is_read_by_ezc3d_and_c3d() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.c3d");
-    let session = both_feet();
+    let mut session = both_feet_late(TIME_OF_DAY_S);
+    let long =
+        "A plate of 2 m², trial ".to_string() + &(1..=200).map(|i| format!("{i}, ")).collect::<String>() + "end.";
+    session.feet[0].source = long.clone();
     c3d::write(&session, &path).expect("written");
     for reader in ["ezc3d", "c3d"] {
         let found = read(reader, &path);
+        compare_start(&found);
+        assert_eq!(found["sources"]["left"], long.replace('²', "?"));
+        assert_eq!(found["sources"]["right"], walk(Side::Right, 5, 60).source);
         assert_eq!(found["rate_hz"], 100.0);
         assert_eq!(found["frames"], session.frames());
         compare_channels(&found, &session, 0.0, SINGLE);
@@ -412,7 +436,7 @@ fn compare_steps(found: &Value, steps: &[Step]) {
 fn a_motion_bids_folder_is_valid_and_has_all_channels() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("study");
-    let session = both_feet();
+    let session = both_feet_late(TIME_OF_DAY_S);
     let names = Names { subject: "ann".into(), task: "walking".into() };
     motion_bids::write(&session, &names, "Plantar test", &path).expect("written");
     let found = read("bids", &path);
@@ -424,6 +448,7 @@ fn a_motion_bids_folder_is_valid_and_has_all_channels() {
         assert!(optional.contains(&warning["code"]), "{warning}");
     }
     assert_eq!(found["rate_hz"], 100.0);
+    compare_start(&found);
     compare_channels(&found, &session, f64::NAN, SINGLE_TEXT);
     compare_events(&found, &session, session.t_s[0]);
 }
