@@ -17,7 +17,7 @@ use bt_hci_serial::SerialTransport;
 use embassy_futures::select::{Either, select, select3};
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
 use embassy_sync::pipe::Pipe;
-use embassy_time::{Duration, Instant, Timer};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
 use gate::{Gate, Progress};
 use plantar::firmware::admission::Admission;
 use plantar::firmware::ble::GattServer;
@@ -50,7 +50,7 @@ const ADVERTISING_WORN: Duration = Duration::from_micros(152_500);
 /// phone finds the insole within some seconds.
 const ADVERTISING_UNWORN: Duration = Duration::from_millis(1_285);
 
-/// What the insole requests of a bonded central, within the rules of Apple's guidelines for accessories. Without a request, phones
+/// What the insole requests of a central, within the rules of Apple's guidelines for accessories. Without a request, phones
 /// and computers have chosen intervals up to 60 ms, too long for 100 live frames a second, and Linux a timeout of 0.42 s, in which
 /// a body between insole and computer interrupts the link.
 const LINK: RequestedConnParams = RequestedConnParams {
@@ -61,6 +61,9 @@ const LINK: RequestedConnParams = RequestedConnParams {
     max_event_length: Duration::from_ticks(0),
     supervision_timeout: Duration::from_secs(4),
 };
+
+/// Timeout of sending this request: a radio that does not take it must not keep the insole from serving the central.
+const LINK_REQUEST: Duration = Duration::from_secs(1);
 
 /// The HCI byte stream (H4) between radio and Bluetooth host, in one direction.
 pub type HciPipe = Pipe<CriticalSectionRawMutex, 128>;
@@ -220,6 +223,9 @@ async fn serve(
         // The host always allows bonding: the gate rejects pairing requests while the insole does not allow it.
         let _ = connection.set_bondable(true);
         progress.is_bondable.signal(());
+        // The central may refuse: the link then remains as the central has set it up. The request comes before all others, because
+        // a future within that of `answer` would need further RAM.
+        let _ = with_timeout(LINK_REQUEST, connection.update_connection_params(stack, &LINK)).await;
         let Ok(connection) = connection.with_attribute_server(server) else { continue };
         let serving = select(answer(&connection, table, stack, insole), async {
             if send(&connection, table, insole).await.is_err() {
@@ -280,8 +286,6 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             GattConnectionEvent::PairingComplete { bond: Some(bond), .. }
             | GattConnectionEvent::Encrypted { bond: Some(bond), .. } => {
                 bonds::remember(stack, bond, insole);
-                // The central may refuse: the link then remains as the central has set it up.
-                let _ = connection.raw().update_connection_params(stack, &LINK).await;
                 continue;
             }
             GattConnectionEvent::Gatt { event } => event,

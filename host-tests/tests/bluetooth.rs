@@ -163,7 +163,7 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
 /// 15 ms, a latency of at most 30, and a timeout of 2 to 6 s that is longer than three times the effective interval.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn an_insole_requests_a_link_for_its_live_stream_of_a_bonded_phone() {
+fn an_insole_requests_a_link_for_its_live_stream() {
     let mut world = World::start(WALK(1));
     let phone = world.bonded_phone(247);
     let requested = world.radio.request(json!({"do": "requested_link", "phone": phone.name}));

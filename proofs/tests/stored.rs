@@ -137,11 +137,12 @@ fn an_image_is_accepted_only_after_all_of_its_chunks_and_with_its_signature() {
 }
 
 #[test]
-fn an_update_begins_only_if_its_image_is_not_empty_and_fits() {
+fn an_update_begins_only_if_its_image_contains_a_header_and_fits() {
     let mut chip = NorFlashChip::new(OTHER.end as usize);
     for chunks in 0..=u16::MAX {
         let offer = Offer { header: Header::new("board", "1.2.3"), chunks, signature: [[0; 32]; 2] };
-        let fits = chunks > 0 && u64::from(chunks) * 256 <= u64::from(MAX_IMAGE);
+        // The header of 40 bytes follows 512 bytes after the beginning.
+        let fits = (552..=u64::from(MAX_IMAGE)).contains(&(u64::from(chunks) * 256));
         let expected = if fits { Ok(Progress::Next(0)) } else { Err(Refusal::Length) };
         assert_eq!(ask(&mut Update::new(), &mut chip, &Request::Begin(offer)), expected);
     }
@@ -154,7 +155,7 @@ fn an_older_image_and_one_for_another_board_are_refused() {
     sequences(&['0', '1', '2', '3', '4', '.'], 5, |version| {
         let version: String = version.iter().collect();
         for board in ["board", "boar", "board2", ""] {
-            let offer = Offer { header: Header::new(board, &version), chunks: 1, signature: [[0; 32]; 2] };
+            let offer = Offer { header: Header::new(board, &version), chunks: 3, signature: [[0; 32]; 2] };
             let numbers: Vec<Option<u16>> = version.split('.').map(|part| part.parse().ok()).collect();
             let is_older = match numbers[..] {
                 [Some(major), Some(minor), Some(patch)] => (major, minor, patch) < (1, 2, 3),
