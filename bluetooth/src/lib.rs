@@ -32,8 +32,8 @@ pub const BONDING_WINDOW: Duration = Duration::from_secs(60);
 /// Largest number of stored bonds. A further bond replaces the least recently used bond.
 pub const MAX_BONDS: usize = 4;
 
-/// Time before a radio that failed is set up again. Each set-up computes public keys, which delays the evaluation of the frames by
-/// some tenths of a second and costs most steps in which it falls. Several set-ups must fit into the time after which the
+/// Time before a radio that failed is set up again. Each set-up computes public keys, which delays the evaluation of the frames
+/// by some tenths of a second and costs most steps in which it falls. Several set-ups must fit into the time after which the
 /// supervision restarts the board.
 const RADIO_RETRY: Duration = Duration::from_secs(4);
 /// Time before a packet is requested again from an exhausted pool.
@@ -43,16 +43,16 @@ const RADIO_CHECK: Duration = Duration::from_secs(1);
 /// Time between two checks whether the central is still connected or, while the insole advertises, whether it is worn.
 const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 
-/// Time between two advertisements of a worn insole: an interval of Apple's guidelines for accessories, which also fits the windows
-/// in which other phones scan. A phone finds the insole within a second.
+/// Time between two advertisements of a worn insole: an interval of Apple's guidelines for accessories, which also fits the
+/// windows in which other phones scan. A phone finds the insole within a second.
 const ADVERTISING_WORN: Duration = Duration::from_micros(152_500);
 /// Time between two advertisements of an insole that is not worn, also one of these intervals. It is longer, to save energy; a
 /// phone finds the insole within some seconds.
 const ADVERTISING_UNWORN: Duration = Duration::from_millis(1_285);
 
-/// What the insole requests of a central, within the rules of Apple's guidelines for accessories. Without a request, phones
-/// and computers have chosen intervals up to 60 ms, too long for 100 live frames a second, and Linux a timeout of 0.42 s, in which
-/// a body between insole and computer interrupts the link.
+/// What the insole requests of a central, within the rules of Apple's guidelines for accessories. Without a request, phones and
+/// computers have chosen intervals up to 60 ms, too long for 100 live frames a second, and Linux a timeout of 0.42 s, in which a
+/// body between insole and computer interrupts the link.
 const LINK: RequestedConnParams = RequestedConnParams {
     min_connection_interval: Duration::from_millis(15),
     max_connection_interval: Duration::from_millis(30),
@@ -223,8 +223,8 @@ async fn serve(
         // The host always allows bonding: the gate rejects pairing requests while the insole does not allow it.
         let _ = connection.set_bondable(true);
         progress.is_bondable.signal(());
-        // The central may refuse: the link then remains as the central has set it up. The request comes before all others, because
-        // a future within that of `answer` would need further RAM.
+        // The central may refuse: the link then remains as the central has set it up. The request comes before all others,
+        // because a future within that of `answer` would need further RAM.
         let _ = with_timeout(LINK_REQUEST, connection.update_connection_params(stack, &LINK)).await;
         let Ok(connection) = connection.with_attribute_server(server) else { continue };
         let serving = select(answer(&connection, table, stack, insole), async {

@@ -71,8 +71,8 @@ impl Table {
     }
 
     /// True for handles that only a bonded central on an encrypted link may write: all that can be written, also those of
-    /// subscriptions. A phone pairs only if it is refused, so that a generic app that subscribes to the cadence pairs, too, and is
-    /// not disconnected after 30 s.
+    /// subscriptions. A phone pairs only if it is refused, so that a generic app that subscribes to the cadence pairs, too, and
+    /// is not disconnected after 30 s.
     pub fn is_guarded(&self, handle: u16) -> bool {
         handle >= self.control.handle
     }

@@ -225,8 +225,9 @@ impl FaultDetector {
         for index in 0..frame.cells.len() {
             let marks = &frame.cells[index].marks;
             if let (false, Some(kind)) = (marks.is_masked(), marks.diagnosis()) {
-                // A stone in the shoe or a prominent bone saturates a sound cell in the same way. So the cell remains in use, as a
-                // lower bound of the pressure that is flagged as saturated, and is reported in the second of successive steps only.
+                // A stone in the shoe or a prominent bone saturates a sound cell in the same way. So the cell remains in use, as
+                // a lower bound of the pressure that is flagged as saturated, and is reported in the second of successive steps
+                // only.
                 let is_in_use = kind == FaultKind::Saturated;
                 if !is_in_use || marks.count(Count::ImplausibleSaturation) == 2 {
                     self.report(frame, kind, Place::Cell(index as u16));

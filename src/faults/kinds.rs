@@ -16,8 +16,8 @@ pub enum FaultKind {
     Short,
     /// A constant reading, regardless of the load.
     Stuck,
-    /// Full scale in stance while the neighbouring cells read little: a damaged cell, or an object or a bone that presses on it. A
-    /// single such cell is not masked.
+    /// Full scale in stance while the neighbouring cells read little: a damaged cell, or an object or a bone that presses on it.
+    /// A single such cell is not masked.
     Saturated,
     /// The unloaded reading of a cell drifts farther than its baseline can follow.
     Drift,

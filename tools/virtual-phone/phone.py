@@ -218,7 +218,8 @@ class Phone:
         self.peer = None
         # The characteristics of the insole by UUID.
         self.characteristics = {}
-        # The link that the insole requests, in the units of the request. The simulated link has no intervals, so it does not change.
+        # The link that the insole requests, in the units of the request. The simulated link has no intervals, so it does not
+        # change.
         self.requested_link = asyncio.Queue()
         channels = self.device.l2cap_channel_manager
         channels.on_l2cap_connection_parameter_update_request = self.on_requested_link

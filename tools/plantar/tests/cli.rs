@@ -86,8 +86,8 @@ fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
     assert!(std::fs::read_to_string(path.join("step.svg")).expect("a picture").contains("</svg>"));
 }
 
-/// From frame 20 on, the force rises by 5 N in each frame to 50 N, and falls in the same way to 0 in frame 69. The foot is unloaded
-/// in the frames 40 to 45.
+/// From frame 20 on, the force rises by 5 N in each frame to 50 N, and falls in the same way to 0 in frame 69. The foot is
+/// unloaded in the frames 40 to 45.
 #[test]
 fn the_options_of_the_stance_rule_determine_the_steps_of_a_recording() {
     let (_folder, path) = folder();

@@ -68,8 +68,8 @@ impl Identification {
         self.sent_us.is_some()
     }
 
-    /// Identifies the parameters from the recorded cells, as `plantar fit` does with the shoe size and the rules of these options,
-    /// and sends them to the insole. Returns the messages that arrived meanwhile, in their order.
+    /// Identifies the parameters from the recorded cells, as `plantar fit` does with the shoe size and the rules of these
+    /// options, and sends them to the insole. Returns the messages that arrived meanwhile, in their order.
     pub fn identify(&mut self, client: &mut Client<impl Carrier>, options: &InsoleArgs) -> Result<Vec<ToHost>> {
         let recording = self
             .cells

@@ -33,8 +33,8 @@ const STEP_COLUMNS: [&str; 11] = [
 /// program do not have it, so it is read only from the tables that have it.
 const IS_COMPARABLE: &str = "is_start_comparable";
 
-/// Largest number of rows of the table of live frames: those of eleven hours at 100 Hz. Without these two limits, small files could
-/// exhaust the memory, because equal values are compressed; within them, the rows of a table occupy at most 8 GiB.
+/// Largest number of rows of the table of live frames: those of eleven hours at 100 Hz. Without these two limits, small files
+/// could exhaust the memory, because equal values are compressed; within them, the rows of a table occupy at most 8 GiB.
 const MAX_FRAME_ROWS: usize = 1 << 25;
 /// Largest number of rows of each other table: those of a quarter of a million records.
 const MAX_RECORD_ROWS: usize = 1 << 21;
