@@ -128,10 +128,12 @@ fn run(
     (child.wait().expect("the program ends").exit_code(), screens)
 }
 
-/// Makes the wearer follow the instruction on the screen.
+/// Makes the wearer follow the instruction, which is in the first five lines of the screen. Below it, the remark on a trial that
+/// has failed describes all parts of a trial.
 fn obey(screen: &str, action: &AtomicU8) {
+    let instruction = screen.lines().take(5).collect::<Vec<_>>().join(" ");
     for (words, next) in [("lift both feet", LIFTED), ("stand still", STANDING), ("Walk", WALKING)] {
-        if screen.contains(words) {
+        if instruction.contains(words) {
             action.store(next, Ordering::Relaxed);
         }
     }
