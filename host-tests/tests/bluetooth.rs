@@ -158,7 +158,6 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.radio).stack_bytes);
 }
 
-/// A phone finds an insole that is not worn, which scans twice a second. From the first load on, the insole scans every frame.
 /// The phone accepts only what Apple's guidelines for accessories allow: an interval of at least 15 ms and a range of at least
 /// 15 ms, a latency of at most 30, and a timeout of 2 to 6 s that is longer than three times the effective interval.
 #[test]
@@ -177,6 +176,7 @@ fn an_insole_requests_a_link_for_its_live_stream() {
     assert!(longest_ms <= 30.0, "{link:?}");
 }
 
+/// A phone finds an insole that is not worn, which scans twice a second. From the first load on, the insole scans every frame.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {

@@ -27,6 +27,9 @@ All other commands have the argument `phone`, the name of the phone that execute
                 insole disconnects.
     subscribe   Subscribes to the characteristic `to`.
     pair        Pairs with the insole.
+    requested_link
+                Waits until the insole requests a link. Returns it as `link`: the shortest and the longest interval (1.25 ms),
+                the latency (connection events) and the supervision timeout (10 ms).
     encrypt     Encrypts the connection with the key of the bond.
     forget      Deletes the phone's bonds.
     spoil_key   Replaces the keys of the phone's bonds by wrong ones.
