@@ -203,15 +203,22 @@ fn fault_notation_is_parsed_and_errors_contain_examples() {
     }
 }
 
+/// The heel of an insole: eight rows of eight cells of 10 mm by 10 mm.
+fn heel_cells() -> impl Iterator<Item = SetupCell> + Clone {
+    (0..64u8).map(|i| SetupCell {
+        row_column: i,
+        ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0)
+    })
+}
+
 /// All cells have the same pressure, but different gains, and so different codes.
 #[test]
 fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
     const OPEN: usize = 27;
     let gain = |i: usize| if (i + i / 8).is_multiple_of(2) { 0.5 } else { 2.0 };
-    let cells = (0..64usize).map(|i| {
-        let at = cell(Region::Heel, (i % 8) as f32 * 10.0, (i / 8) as f32 * 10.0, 100.0);
+    let cells = heel_cells().enumerate().map(|(i, cell)| {
         let calibration = CellCalibration { offset: 100, gain: gain(i) };
-        SetupCell { row_column: i as u8, calibration, ..at }
+        SetupCell { calibration, ..cell }
     });
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let mut insole = Box::new(Insole::<f64, 64>::new());
@@ -249,12 +256,8 @@ fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
 #[test]
 fn a_cell_that_is_saturated_in_stance_only_is_reported_once_and_remains_in_use() {
     const PRESSED: usize = 27;
-    let cells = (0..64u8).map(|i| SetupCell {
-        row_column: i,
-        ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0)
-    });
     let mut insole = Box::new(Insole::<f64, 64>::new());
-    insole.set_up(SETUP, cells).expect("the set-up is accepted");
+    insole.set_up(SETUP, heel_cells()).expect("the set-up is accepted");
     for seq in 0..1_000 {
         // Sixty frames of stance are followed by forty frames of swing.
         let kpa = 120.0 * (PI * f64::from(seq % 100) / 60.0).sin().max(0.0);
@@ -276,14 +279,10 @@ fn a_cell_that_is_saturated_in_stance_only_is_reported_once_and_remains_in_use()
 #[test]
 fn the_time_of_a_fault_saturates() {
     const OPEN: u16 = 27;
-    let cells = (0..64u8).map(|i| SetupCell {
-        row_column: i,
-        ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0)
-    });
     // The time at which the open cell is reported if the first frame has this number.
     let found_ms = |first: u32| {
         let mut insole = Box::new(Insole::<f32, 64>::new());
-        insole.set_up(SETUP, cells.clone()).expect("the set-up is accepted");
+        insole.set_up(SETUP, heel_cells()).expect("the set-up is accepted");
         for frame in 0..800 {
             // Sixty frames of stance are followed by forty frames of swing. From frame 500 on, one cell is open.
             let kpa = 120.0 * (PI * f64::from(frame % 100) / 60.0).sin().max(0.0);

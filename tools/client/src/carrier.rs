@@ -59,6 +59,12 @@ impl<C: Carrier + ?Sized> Carrier for Box<C> {
     }
 }
 
+/// True for an error of reading after which reading can be tried again: no byte arrived in time, or a signal interrupted it.
+pub(crate) fn is_pause(error: &io::Error) -> bool {
+    use io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error.kind(), TimedOut | WouldBlock | Interrupted)
+}
+
 /// Messages in frames over a byte stream: a serial port or a network connection. A read must return within a second, with
 /// [`io::ErrorKind::TimedOut`] or [`io::ErrorKind::WouldBlock`] if no byte arrived.
 pub struct Framed<B> {
@@ -91,8 +97,7 @@ impl<B: Read + Write> Carrier for Framed<B> {
             let count = match self.bytes.read(&mut self.buffer) {
                 Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
                 Ok(count) => count,
-                Err(e) if matches!(e.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) => 0,
-                Err(e) if e.kind() == io::ErrorKind::Interrupted => 0,
+                Err(e) if is_pause(&e) => 0,
                 Err(e) => return Err(e),
             };
             for &byte in &self.buffer[..count] {

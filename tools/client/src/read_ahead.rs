@@ -1,6 +1,7 @@
 //! Reads a byte stream on another thread, so that no byte is lost while the caller is busy.
 
 use crate::READ_TIMEOUT;
+use crate::carrier::is_pause;
 use std::io::{self, Cursor, Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,8 +34,7 @@ impl<W> ReadAhead<W> {
                 let chunk = match reader.read(&mut buffer) {
                     Ok(0) => return,
                     Ok(count) => Ok(buffer[..count].to_vec()),
-                    Err(e) if matches!(e.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) => continue,
-                    Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
+                    Err(e) if is_pause(&e) => continue,
                     Err(e) => Err(e),
                 };
                 let is_error = chunk.is_err();

@@ -113,26 +113,26 @@ impl Rows {
     }
 
     fn next_row(&mut self) -> Result<Option<HashMap<String, Field>>> {
-        let (file, remedy) = (self.file.clone(), self.remedy);
-        caught(&file, remedy, || {
-            let damaged = |error| damaged(&file, &error, remedy);
+        let Self { file, remedy, reader, columns, next_group, rows, text_bytes, .. } = self;
+        caught(file, remedy, || {
+            let damaged = |error| damaged(file, &error, remedy);
             let row = loop {
-                if let Some(row) = self.rows.as_mut().and_then(Iterator::next) {
+                if let Some(row) = rows.as_mut().and_then(Iterator::next) {
                     break row.map_err(damaged)?;
                 }
-                if self.next_group == self.reader.num_row_groups() {
+                if *next_group == reader.num_row_groups() {
                     return Ok(None);
                 }
-                let group = CheckedGroup(self.reader.get_row_group(self.next_group).map_err(damaged)?);
-                self.next_group += 1;
-                self.rows = Some(TreeBuilder::new().as_iter(self.columns.clone(), &group).map_err(damaged)?);
+                let group = CheckedGroup(reader.get_row_group(*next_group).map_err(damaged)?);
+                *next_group += 1;
+                *rows = Some(TreeBuilder::new().as_iter(columns.clone(), &group).map_err(damaged)?);
             };
             let row: HashMap<_, _> = row.into_columns().into_iter().collect();
             let texts = row.values().map(|value| if let Field::Str(text) = value { text.len() } else { 0 });
-            self.text_bytes += texts.sum::<usize>();
-            if self.text_bytes > MAX_TEXT_BYTES {
+            *text_bytes += texts.sum::<usize>();
+            if *text_bytes > MAX_TEXT_BYTES {
                 let problem = format!("the texts have more than {MAX_TEXT_BYTES} bytes, which do not fit into memory");
-                return Err(Error::content(&file, problem, remedy));
+                return Err(Error::content(&*file, problem, *remedy));
             }
             Ok(Some(row))
         })
