@@ -58,8 +58,10 @@ export default defineConfig({
     // The tests mostly wait for walks that are played in real time, so two test files run at once even on a computer with two
     // cores. More files at once would disturb the walks.
     maxWorkers: 2,
-    testTimeout: 30_000,
+    testTimeout: 60_000,
     hookTimeout: 60_000,
+    // The default, one second, is too short for a page on a busy computer.
+    expect: { poll: { timeout: 20_000 } },
     reporters: "verbose",
   },
 });

@@ -90,12 +90,12 @@ test("the page subscribes to the chosen insole and sends a connect request, also
     "parameters subscribe-to-notifications",
     `control write ${request}`,
   ];
-  await expect.poll(() => insole.operations.slice(0, 5), { timeout: 20_000 }).toEqual(expected);
+  await expect.poll(() => insole.operations.slice(0, 5)).toEqual(expected);
   await page.getByText("Waiting for an insole over Bluetooth.").waitFor();
   await page.locator("#connect-other").waitFor();
 
   insole.operations.length = 0;
   await insole.disconnect();
-  await expect.poll(() => insole.operations.slice(0, 5), { timeout: 20_000 }).toEqual(expected);
+  await expect.poll(() => insole.operations.slice(0, 5)).toEqual(expected);
   await page.close();
 }, 60_000);
