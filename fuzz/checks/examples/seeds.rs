@@ -30,7 +30,7 @@ use plantar::protocol::{
     ToHost, decode, encode, frame,
 };
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{FootZero, Format, Recording, VirtualInsole, Zero};
+use recording::{FootZero, Format, Plateau, Plateaus, Recording, VirtualInsole, Zero};
 use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::fs;
@@ -204,6 +204,7 @@ fn main() {
 
     seed("image", "header", &Header::new("emulated", "1.2.3").bytes());
 
+    plateaus();
     csv(&recording);
     seed("pedar", "walk", &pedar());
     vendor();
@@ -231,6 +232,23 @@ fn seed(target: &str, name: &str, bytes: &[u8]) {
     assert!(is_first, "{target} has two seeds with the name {name}");
     fs::create_dir_all(&folder).expect("the folder can be created");
     fs::write(path, bytes).expect("the seed is written");
+}
+
+/// The readings of an insole with few cells at four pressures.
+fn plateaus() {
+    let insole = VirtualInsole::new(
+        &synthetic::walk(&SyntheticWalk { steps: 1, ..Default::default() }).recording,
+        ContactRule::COUNTED,
+        StanceRule::ADAPTIVE,
+    );
+    let mut plateaus = Plateaus::new(&insole.setup, &insole.cells[..12], "P-0001".into());
+    for (pressure_kpa, code) in [(0.0, 6000), (50.0, 12_000), (100.0, 16_400), (200.0, 24_100)] {
+        let frame: Vec<u16> = (0..12).map(|cell| code + 10 * cell).collect();
+        plateaus.plateaus.extend(Plateau::of(pressure_kpa, &vec![frame; 3]));
+    }
+    let file = tempfile::NamedTempFile::new().expect("the file can be created");
+    plateaus.write(file.path()).expect("the plateaus are written");
+    seed("plateaus", "four", &fs::read(file.path()).expect("the plateaus can be read"));
 }
 
 /// A table with a column of each type, in two row groups.

@@ -15,6 +15,7 @@ pub mod management;
 pub mod parameters;
 pub mod pedar;
 pub mod phone;
+pub mod plateaus;
 pub mod recording;
 pub mod set_up;
 pub mod stream;

@@ -92,6 +92,7 @@ targets! {
     parameters: 1_000,
     pedar: 1_000,
     phone: 10_000,
+    plateaus: 1_000,
     recording: 1_000,
     set_up: 1_000,
     stream: 1_000,

@@ -13,6 +13,8 @@
 //! search.
 
 pub mod agreement;
+#[cfg(feature = "recordings")]
+pub mod calibration;
 #[cfg(feature = "results")]
 pub mod cohort;
 pub mod compare;

@@ -1,11 +1,29 @@
-//! Records the stream of all cells, for `plantar record --cells`.
+//! Streams of all cells: records one for `plantar record --cells`, and starts one that is slow enough for any connection.
 
 use crate::carrier::AnyClient;
 use anyhow::{Context, Result};
 use client::{CellReceiver, Error, StartedCells};
-use plantar::protocol::{CellFrame, CellStream};
+use plantar::protocol::{CellFrame, CellStream, Refusal, Resolution};
 use recording::StreamedCells;
 use std::path::PathBuf;
+
+/// Starts a stream of the whole codes of all cells with about `hz` frames per second, or with the rate that the connection
+/// allows if it is lower. Also returns the stream.
+///
+/// # Errors
+/// Those of [`client::Client::start_cells`].
+pub fn start_slowly(client: &mut AnyClient, hz: f64) -> Result<(StartedCells, CellStream), Error> {
+    let every = 1e6 / (hz * f64::from(client.hello().period_us));
+    let mut stream = CellStream { resolution: Resolution::Oversampled, every: every.clamp(1.0, 255.0) as u8 };
+    let started = match client.start_cells(stream) {
+        Err(Error::Refused(Refusal::CellRate { every })) if every > 0 => {
+            stream.every = every;
+            client.start_cells(stream)?
+        }
+        started => started?,
+    };
+    Ok((started, stream))
+}
 
 /// Writes the stream of cells to folders `000`, `001`, ..., each with the parts of one recording. Another recording begins with
 /// each session, and after a gap that is too long to be interpolated.

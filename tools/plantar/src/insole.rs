@@ -10,7 +10,9 @@ use plantar::Side;
 use plantar::pipeline::baseline::MAX_RESIDUAL_KPA;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::protocol::{Identity, Radio, Serial, Status};
+use recording::output;
 use serde::Deserialize;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 pub mod alerts;
@@ -69,6 +71,7 @@ pub enum Insole {
     ///
     /// The file has the header `cell,offset,gain` and one line for each cell, in the order of the insole's layout. `cell` is the
     /// cell's number from 0, `offset` the code of the unloaded cell, and `gain` the factor that corrects its pressure, 0.1 to 10.
+    /// `plantar calibrate` determines it.
     Calibrate {
         /// The CSV file with the calibration.
         file: PathBuf,
@@ -302,6 +305,13 @@ struct CalibrationLine {
     cell: u16,
     offset: u16,
     gain: f32,
+}
+
+/// Writes a calibration file. The file appears only once it is complete, because an incomplete one could be sent to an insole.
+pub fn write_calibration(path: &Path, cells: &[CellCalibration]) -> Result<()> {
+    let lines = cells.iter().enumerate().map(|(i, cell)| format!("{i},{},{}\n", cell.offset, cell.gain));
+    let text: String = std::iter::once("cell,offset,gain\n".to_string()).chain(lines).collect();
+    Ok(output::file(path, |to| to.write_all(text.as_bytes()))?)
 }
 
 /// Reads and checks a calibration file.

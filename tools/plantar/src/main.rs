@@ -1,5 +1,6 @@
 //! The command line of Plantar.
 
+mod calibrate;
 mod carrier;
 mod cells;
 mod cohort;
@@ -57,6 +58,8 @@ use std::process::ExitCode;
 ///   plantar gait walk.plantar --json gait.json
 ///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar identify --serial /dev/ttyACM0 --out me
+///   plantar calibrate measure --pressures 0,50,100,200,400,200,100,50,0 \
+///       --serial /dev/ttyACM0 --out P-0001
 ///   plantar insole name --serial-number P-0001 --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
 ///   plantar monitor --ble left
@@ -83,6 +86,12 @@ enum Command {
     Zero(zero::Zero),
     Replay(replay::Replay),
     Fit(fit::Fit),
+    /// Determine the calibration of an insole's cells from known pressures.
+    ///
+    /// The pressures must act on the whole insole, as those of the bladder of a calibration device. docs/calibration.md describes
+    /// the procedure.
+    #[command(subcommand)]
+    Calibrate(calibrate::Calibrate),
     Identify(identify::Identify),
     Cohort(cohort::Cohort),
     Repeat(repeat::Repeat),
@@ -157,6 +166,7 @@ fn run() -> ExitCode {
         Command::Zero(zero) => zero.run(),
         Command::Replay(replay) => replay.run(),
         Command::Fit(fit) => return status(fit.run()),
+        Command::Calibrate(calibrate) => calibrate.run(),
         Command::Identify(identify) => return status(identify.run()),
         Command::Cohort(cohort) => return status(cohort.run()),
         Command::Repeat(repeat) => return status(repeat.run()),

@@ -4,6 +4,7 @@ mod bluetooth;
 #[cfg(all(target_os = "linux", feature = "ble"))]
 mod bluez;
 mod board;
+mod calibrate;
 mod cells;
 mod cli;
 mod cohort;

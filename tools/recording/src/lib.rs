@@ -5,7 +5,7 @@
 //! the exports of other systems, [`csv`], [`pedar`], [`jiku`]), [`StreamedCells`] collects it from the stream of an insole, or it
 //! is computed from known true values ([`synthetic`]). If the source names no regions, [`template`] assigns them.
 //! [`VirtualInsole`] converts the pressures of a recording to the codes of a sensor; [`Scans`] are these codes. The zero of an
-//! insole, [`Zero`], is computed from a [`StandingTrial`].
+//! insole, [`Zero`], is computed from a [`StandingTrial`]. [`Plateaus`] are its readings under known pressures.
 
 pub mod csv;
 pub mod emed;
@@ -40,6 +40,7 @@ mod names;
 mod negatives;
 mod pages;
 mod parts;
+mod plateaus;
 mod rate;
 mod reader;
 mod recording;
@@ -63,6 +64,7 @@ pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
 pub use names::area_title;
 pub use parts::{files, is_parquet};
+pub use plateaus::{MAX_PLATEAU_KPA, Plateau, PlateauCell, Plateaus};
 pub use rate::is_same_rate;
 pub use reader::RecordingReader;
 pub use recording::Recording;

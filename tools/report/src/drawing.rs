@@ -74,6 +74,13 @@ pub fn paragraph(text: &str, x: f64, y: f64, characters: usize, class: &str) -> 
     }
 }
 
+/// A cell as an SVG path in mm: a square, because only its area is known, with a margin to its neighbours.
+pub fn square(x_mm: f64, y_mm: f64, area_mm2: f64) -> String {
+    let side_mm = 0.92 * area_mm2.sqrt();
+    let (left, low) = (x_mm - side_mm / 2.0, y_mm - side_mm / 2.0);
+    format!("M{left:.2} {low:.2}h{side_mm:.2}v{side_mm:.2}h-{side_mm:.2}z")
+}
+
 /// The drawing for a region that was not fitted. `title` begins its text alternative.
 pub fn unfitted(width: f64, height: f64, title: &str, reason: &str) -> Drawing {
     Drawing {

@@ -1,6 +1,6 @@
 //! The reports on the identification of one person's parameters and on a cohort, for readers who assess the identification: each
-//! is available as a self-contained web page and as a picture. There is also a picture of a single step. This crate writes no
-//! files, and reads only the fonts of the operating system.
+//! is available as a self-contained web page and as a picture. There is also a picture of a single step, and a web page on the
+//! calibration of an insole. This crate writes no files, and reads only the fonts of the operating system.
 //!
 //! Each figure is drawn once, as SVG with CSS classes for colours: the page shows it in light, dark and print colours, the
 //! picture in light ones. The SVG is written directly, because chart libraries round positions to whole pixels and fix the
@@ -23,10 +23,12 @@ mod how_to_read;
 mod document;
 mod page;
 mod cohort;
+mod calibration;
 #[cfg(feature = "png")]
 mod picture;
 mod step;
 
+pub use calibration::html as calibration_html;
 #[cfg(feature = "png")]
 pub use cohort::png as cohort_png;
 pub use cohort::{Cohort, html as cohort_html};

@@ -1,6 +1,6 @@
 //! A step as a picture: peak pressure with the contact ellipses on the foot, and the forces of each region over time.
 
-use crate::drawing::{Curves, Drawing, STYLE, Scale, legend_entries, legend_row};
+use crate::drawing::{Curves, Drawing, STYLE, Scale, legend_entries, legend_row, square};
 use crate::region::{TITLES, colour};
 use maud::{Markup, PreEscaped, html};
 use plantar::Side;
@@ -78,7 +78,7 @@ impl StepPicture<'_> {
                 g transform={ "scale(" (mirror) " -1)" } {
                     @for (cell, opacity) in cells.iter().zip(opacity) {
                         @let opacity = format!("fill-opacity:{opacity:.3}");
-                        path.cells.(colour(cell.region as usize)) d=(square(cell)) style=(opacity) {}
+                        path.cells.(colour(cell.region as usize)) d=(square(cell.x_mm, cell.y_mm, cell.area_mm2)) style=(opacity) {}
                     }
                     @for region in self.step.regions.iter().filter(|region| region.ellipse_r_a_cmm > 0) { (ellipse(region)) }
                 }
@@ -122,13 +122,6 @@ fn legend() -> Vec<Drawing> {
         (html! { path.line d="M0 9h24" {} }, "measured force"),
         (html! { @for region in 0..4 { path.model.(colour(region)) d={ "M" (6 * region) " 9h6" } {} } }, "model force"),
     ])
-}
-
-/// A cell as an SVG path: a square, because only its area is known, with a margin to its neighbours.
-fn square(cell: &Cell) -> String {
-    let side_mm = 0.92 * cell.area_mm2.sqrt();
-    let (left, low) = (cell.x_mm - side_mm / 2.0, cell.y_mm - side_mm / 2.0);
-    format!("M{left:.2} {low:.2}h{side_mm:.2}v{side_mm:.2}h-{side_mm:.2}z")
 }
 
 /// The contact ellipse at the region's largest force.

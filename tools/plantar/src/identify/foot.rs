@@ -2,7 +2,7 @@
 
 use super::screen::Progress;
 use crate::carrier::{AnyClient, InsoleLink};
-use crate::cells::CellRecorder;
+use crate::cells::{CellRecorder, start_slowly};
 use crate::params;
 use anyhow::{Context, Result, bail, ensure};
 use client::{Error, Event, SessionStart, StartedCells, StreamFile};
@@ -15,8 +15,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{
     CalibrationId, CellFrame, CellStream, LoadRecord, Refusal, Resolution, SUFFICIENT_SUPPLY_MV, Step, ToDevice, ToHost,
 };
-use recording::{Recording, StandingTrial, StreamedCells, output};
-use std::io::Write as _;
+use recording::{Recording, StandingTrial, StreamedCells};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -238,11 +237,7 @@ impl Foot {
 
     /// Stores the calibration in the folder.
     pub fn store_calibration(&self, cells: &[CellCalibration]) -> Result<()> {
-        let lines: String = std::iter::once("cell,offset,gain\n".to_string())
-            .chain(cells.iter().enumerate().map(|(i, cell)| format!("{i},{},{}\n", cell.offset, cell.gain)))
-            .collect();
-        // The file appears only once it is complete: an incomplete one would be sent to the insole when the session continues.
-        Ok(output::file(&self.calibration_file(), |to| to.write_all(lines.as_bytes()))?)
+        crate::insole::write_calibration(&self.calibration_file(), cells)
     }
 
     /// The file with the calibration of this session, in the format of `plantar insole calibrate`.
@@ -526,15 +521,7 @@ impl Trial {
     /// Starts the stream of cells, at [`TRIAL_HZ`] if the carrier can send as many frames.
     fn begin(client: &mut AnyClient) -> Result<Self, Error> {
         let is_calibrated = client.identity()?.calibration_id != 0;
-        let every = 1e6 / (TRIAL_HZ * f64::from(client.hello().period_us));
-        let mut stream = CellStream { resolution: Resolution::Oversampled, every: every.clamp(1.0, 255.0) as u8 };
-        let started = match client.start_cells(stream) {
-            Err(Error::Refused(Refusal::CellRate { every })) if every > 0 => {
-                stream.every = every;
-                client.start_cells(stream)?
-            }
-            started => started?,
-        };
+        let (started, stream) = start_slowly(client, TRIAL_HZ)?;
         Ok(Self { started, is_calibrated, every: stream.every, frames: Vec::new() })
     }
 

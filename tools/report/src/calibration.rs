@@ -1,0 +1,329 @@
+//! The web page on the calibration of an insole by known pressures.
+
+use crate::document::{document, legend, section, wide};
+use crate::drawing::{Curves, Drawing, Scale, legend_entries, square};
+use crate::format::{count, number, percent, signed_percent};
+use fit::calibration::{Calibration, Check, Errors};
+use maud::{Markup, html};
+use plantar::Side;
+use plantar::pipeline::calibrate::FULL_CODE;
+use recording::{Plateau, Plateaus};
+use std::fmt::Write as _;
+
+/// Width and height of a chart.
+const CHART: [f64; 2] = [460.0, 230.0];
+/// Units of the map per mm.
+const MAP_SCALE: f64 = 1.4;
+/// Margin around the cells of the map, mm.
+const MARGIN_MM: f64 = 8.0;
+/// The classes of the gains in the map: the ratio to the median gain below which a gain is in the class, its colour and its name.
+const CLASSES: [(f64, &str, &str); 5] = [
+    (0.8, "s0", "below 0.8"),
+    (0.9, "s1", "0.8 to 0.9"),
+    (1.1, "s2", "0.9 to 1.1"),
+    (1.25, "s4", "1.1 to 1.25"),
+    (f64::INFINITY, "s5", "from 1.25"),
+];
+
+/// The page as one HTML file, which loads no other resource and contains no scripts.
+pub fn html(plateaus: &Plateaus, calibration: &Calibration) -> String {
+    let serial = match plateaus.serial_number.as_str() {
+        "" => "without a serial number",
+        serial => serial,
+    };
+    let page = document(
+        &format!("Calibration of a {} insole", plateaus.side.name()),
+        &format!(
+            "Insole {serial}, {}, {}",
+            count(plateaus.cells.len(), "cell"),
+            count(plateaus.plateaus.len(), "plateau")
+        ),
+        &html! {
+            (section("summary", "Summary", summary(plateaus, calibration)))
+            (section("errors", "Errors at the plateaus", errors(calibration)))
+            (section("law", "Codes and pressures", codes(plateaus, calibration)))
+            (section("gains", "Gains", gains(plateaus, calibration)))
+        },
+    );
+    page.into_string()
+}
+
+fn summary(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
+    let worst = |of: fn(&Check) -> Option<Errors>| {
+        calibration.checks.iter().filter_map(of).map(|errors| errors.most).fold(0.0, f64::max)
+    };
+    html! {
+        dl.facts {
+            dt { "Accuracy" }
+            dd {
+                "At a pressure that was left out of the calibration, 95 % of the cells measure it to within "
+                (percent(worst(|check| check.left_out))) " % (the worst plateau). At the plateaus themselves: "
+                (percent(worst(|check| check.errors))) " %."
+            }
+            @if let Some((kpa, difference)) = calibration.hysteresis {
+                dt { "Hysteresis" }
+                dd { "At " (number(kpa)) " kPa, the later reading differs by " (signed_percent(difference)) " % from the earlier one." }
+            }
+            @if let Some(codes) = calibration.zero_change {
+                dt { "Zero" }
+                dd { "Without load, the mean code changed by " (format!("{codes:+.0}")) " from the first to the last plateau." }
+            }
+            dt { "Sensor law" }
+            dd { (law(plateaus, calibration)) }
+            @if !calibration.failing.is_empty() {
+                dt { "Failing cells" }
+                dd { @for (cell, reason) in &calibration.failing { "Cell " (cell) ": " (reason) ". " } }
+            }
+        }
+    }
+}
+
+fn law(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
+    let firmware = plateaus.law.exponent;
+    let Some(law) = calibration.law else {
+        return html! { "The exponent " (firmware) " of the firmware was not checked: this needs three plateaus with load." };
+    };
+    html! {
+        (format!("The plateaus show the exponent {:.3} (95 % confidence interval {:.3} to {:.3})", law.exponent, law.interval[0], law.interval[1]))
+        (format!(" with a full scale of {:.0} kPa; the firmware has {firmware}. ", law.full_kpa))
+        @if law.is_needed {
+            strong { "The law of the firmware does not fit this sheet: build the firmware with that of the plateaus." }
+        } @else {
+            "The law of the firmware fits this sheet."
+        }
+    }
+}
+
+/// The horizontal scale of the charts: the pressures, kPa.
+fn pressures(calibration: &Calibration) -> Scale {
+    let all = || calibration.checks.iter().map(|check| check.pressure_kpa);
+    let (least, most) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN_POSITIVE, f64::max));
+    // The ends of a logarithmic scale differ by a factor of at least 5.
+    Scale::logarithmic([(0.8 * least).min(0.2 * most), 1.1 * most], [44.0, CHART[0] - 8.0], false)
+}
+
+fn errors(calibration: &Calibration) -> Markup {
+    let ends = |errors: Errors| errors.range.map(f64::abs).into_iter().fold(0.0, f64::max);
+    let all = calibration.checks.iter().flat_map(|check| [check.errors, check.left_out]).flatten().map(ends);
+    let most = 110.0 * all.fold(0.01, f64::max);
+    let chart = Curves { x: pressures(calibration), y: Scale::linear([-most, most], [CHART[1] - 32.0, 22.0]) };
+    let bar = |check: &Check| {
+        let (errors, left_out) = (check.errors?, check.left_out?);
+        let (x, y) = (chart.x.at(check.pressure_kpa), |share: f64| chart.y.at(100.0 * share));
+        Some(html! {
+            path.jacobian.s1 d={ "M" (x) " " (y(errors.range[0])) "V" (y(errors.range[1])) } {}
+            circle.fill.s1 cx=(x) cy=(y(errors.mean)) r="3" {}
+            path.line.s5 d={ "M" (x + 5.0) " " (y(left_out.range[0])) "V" (y(left_out.range[1])) } {}
+            circle.hollow.s5 cx=(x + 5.0) cy=(y(left_out.mean)) r="3" {}
+        })
+    };
+    let drawing = Drawing {
+        width: CHART[0],
+        height: CHART[1],
+        label: "Errors of the cells at each plateau".into(),
+        body: html! {
+            (chart.axes("pressure, kPa", "error, %"))
+            @for check in &calibration.checks { @if let Some(bar) = bar(check) { (bar) } }
+        },
+    };
+    let entries = legend_entries([
+        (
+            html! { path.jacobian.s1 d="M12 1v16" {} circle.fill.s1 cx="12" cy="9" r="3" {} },
+            "calibrated with all plateaus",
+        ),
+        (html! { path.line.s5 d="M12 1v16" {} circle.hollow.s5 cx="12" cy="9" r="3" {} }, "this pressure left out"),
+    ]);
+    html! {
+        (legend(&entries))
+        figure.beside {
+            (drawing.svg())
+            figcaption {
+                "Points: mean over the cells. Bars: 95 % of the cells. If a pressure is left out, its \
+                 errors are those to expect at a pressure that is not among the plateaus; at the lowest and the highest one, beyond \
+                 the others."
+            }
+        }
+        (wide("Errors at the plateaus", table(calibration)))
+    }
+}
+
+fn table(calibration: &Calibration) -> Markup {
+    let pair = |errors: Option<Errors>| match errors {
+        Some(Errors { mean, most, .. }) => html! { td { (signed_percent(mean)) } td { (percent(most)) } },
+        None => html! { td { "–" } td { "–" } },
+    };
+    html! {
+        table {
+            caption { "Errors in % of the pressure, in the order of measurement" }
+            thead {
+                tr {
+                    th scope="col" { "kPa" }
+                    th scope="col" { "Frames" }
+                    th scope="col" { "Change in the measurement" }
+                    th scope="col" { "Saturated cells" }
+                    th scope="col" { "Mean error" }
+                    th scope="col" { "95 % of cells within ±" }
+                    th scope="col" { "Left out: mean" }
+                    th scope="col" { "95 % of cells within ±" }
+                }
+            }
+            tbody {
+                @for check in &calibration.checks {
+                    tr {
+                        th scope="row" { (number(check.pressure_kpa)) }
+                        td { (check.frames) }
+                        td { (signed_percent(check.change)) }
+                        td { (check.saturated) @if check.errors.is_none() { ", not used" } }
+                        (pair(check.errors))
+                        (pair(check.left_out))
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The codes above zero of the cells at a plateau that do not fail, as parts of full scale: the 5 %, 50 % and 95 % quantiles.
+fn quantiles(plateau: &Plateau, calibration: &Calibration) -> Option<[f64; 3]> {
+    let is_sound = |cell: usize| calibration.failing.iter().all(|(failing, _)| *failing != cell);
+    let codes = plateau.codes.iter().zip(&calibration.cells).enumerate().filter(|(cell, _)| is_sound(*cell));
+    let above_zero = |(_, (code, cell)): (usize, (&f32, &plantar::pipeline::calibrate::CellCalibration))| {
+        (f64::from(*code) - f64::from(cell.offset)) / f64::from(FULL_CODE)
+    };
+    let mut all: Vec<f64> = codes.map(above_zero).collect();
+    all.sort_by(f64::total_cmp);
+    let at = |share: f64| all.get((share * all.len().saturating_sub(1) as f64).round() as usize).copied();
+    Some([at(0.05)?, at(0.5)?, at(0.95)?])
+}
+
+fn codes(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
+    let loaded = || plateaus.plateaus.iter().filter(|plateau| plateau.pressure_kpa > 0.0);
+    let measured: Vec<_> = loaded().filter_map(|plateau| Some((plateau, quantiles(plateau, calibration)?))).collect();
+    let ends = measured.iter().flat_map(|(_, quantiles)| *quantiles).filter(|share| *share > 0.0);
+    let [least, most] =
+        ends.fold([f64::MAX, f64::MIN_POSITIVE], |[least, most], share| [share.min(least), share.max(most)]);
+    let chart = Curves {
+        x: pressures(calibration),
+        y: Scale::logarithmic([(80.0 * least).min(20.0 * most), 110.0 * most], [CHART[1] - 32.0, 22.0], false),
+    };
+    let line = |full_kpa: f64, exponent: f64| {
+        let mut path = String::new();
+        for i in 0..=40 {
+            let least = calibration.checks.iter().map(|check| check.pressure_kpa).fold(f64::MAX, f64::min);
+            let most = calibration.checks.iter().map(|check| check.pressure_kpa).fold(least, f64::max);
+            let kpa = least * (most / least).powf(f64::from(i) / 40.0);
+            let share = 100.0 * (kpa / full_kpa).powf(exponent);
+            if !chart.y.is_beyond(share) {
+                // Writing to a String does not fail.
+                let _ = write!(
+                    path,
+                    "{}{:.1} {:.1}",
+                    if path.is_empty() { "M" } else { "L" },
+                    chart.x.at(kpa),
+                    chart.y.at(share)
+                );
+            }
+        }
+        path
+    };
+    let mut gains: Vec<f64> = calibration.cells.iter().map(|cell| cell.gain.into()).collect();
+    gains.sort_by(f64::total_cmp);
+    let median_gain = gains.get(gains.len() / 2).copied().unwrap_or(1.0);
+    let firmware = line(median_gain * f64::from(plateaus.law.full_kpa), plateaus.law.exponent.into());
+    let drawing = Drawing {
+        width: CHART[0],
+        height: CHART[1],
+        label: "Codes of the cells over the pressure, and the sensor laws".into(),
+        body: html! {
+            (chart.axes("pressure, kPa", "code above zero, % of full scale"))
+            path.line.s1 d=(firmware) {}
+            @if let Some(law) = calibration.law { path.model.dashed.s5 d=(line(law.full_kpa, law.exponent)) {} }
+            @for (plateau, [low, middle, high]) in &measured {
+                @let (x, y) = (chart.x.at(plateau.pressure_kpa), |share: &f64| chart.y.at(100.0 * share));
+                path.axis d={ "M" (x) " " (y(low)) "V" (y(high)) } {}
+                circle.fill cx=(x) cy=(y(middle)) r="3" {}
+            }
+        },
+    };
+    let mut marks = vec![
+        (html! { path.axis d="M12 1v16" {} circle.fill cx="12" cy="9" r="3" {} }, "cells: median, 5 to 95 %"),
+        (html! { path.line.s1 d="M0 9h24" {} }, "law of the firmware, median gain"),
+    ];
+    if calibration.law.is_some() {
+        marks.push((html! { path.model.dashed.s5 d="M0 9h24" {} }, "law of the plateaus"));
+    }
+    html! {
+        (legend(&legend_entries(marks)))
+        figure.beside {
+            (drawing.svg())
+            figcaption {
+                "Both scales are logarithmic, so that a power law is a straight line, and its exponent is the slope. Points beside the \
+                 line of the firmware are errors that no gain can correct."
+            }
+        }
+    }
+}
+
+fn gains(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
+    let mut sorted: Vec<f64> = calibration.cells.iter().map(|cell| cell.gain.into()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0);
+    let class =
+        |gain: f64| CLASSES.iter().find(|(limit, ..)| gain / median < *limit).map_or("s5", |(_, colour, _)| colour);
+    let extent = |of: fn(&recording::PlateauCell) -> f32| {
+        let all = || plateaus.cells.iter().map(|cell| f64::from(of(cell)));
+        [all().fold(f64::MAX, f64::min) - MARGIN_MM, all().fold(f64::MIN, f64::max) + MARGIN_MM]
+    };
+    let (x_mm, y_mm) = (extent(|cell| cell.x_mm), extent(|cell| cell.y_mm));
+    let (width_mm, height_mm) = (x_mm[1] - x_mm[0], y_mm[1] - y_mm[0]);
+    let (mirror, left_mm) = if plateaus.side == Side::Left { (-1.0, -x_mm[1]) } else { (1.0, x_mm[0]) };
+    let map = Drawing {
+        // As wide as the charts, so that it has the same scale in the page.
+        width: CHART[0].max(MAP_SCALE * width_mm),
+        height: MAP_SCALE * height_mm,
+        label: "Gain of each cell relative to the median".into(),
+        body: html! {
+            svg width=(MAP_SCALE * width_mm) height=(MAP_SCALE * height_mm)
+                viewBox={ (left_mm) " " (-y_mm[1]) " " (width_mm) " " (height_mm) } {
+                g transform={ "scale(" (mirror) " -1)" } {
+                    @for (i, (cell, CellGain { gain, fails })) in plateaus.cells.iter().zip(cell_gains(calibration)).enumerate() {
+                        @let path = square(cell.x_mm.into(), cell.y_mm.into(), cell.area_mm2.into());
+                        @if fails {
+                            path.empty d=(path) { title { "cell " (i) ": fails" } }
+                        } @else {
+                            path.fill.(class(gain)) d=(path) { title { "cell " (i) ": gain " (format!("{gain:.3}")) } }
+                        }
+                    }
+                }
+            }
+        },
+    };
+    let classes =
+        CLASSES.map(|(_, colour, name)| (html! { rect.fill.(colour) x="6" y="3" width="12" height="12" {} }, name));
+    let failing = (html! { rect.empty x="6" y="3" width="12" height="12" {} }, "fails");
+    let ends = [sorted.first(), sorted.last()].map(|end| end.copied().unwrap_or(1.0));
+    html! {
+        p { "Gains from " (format!("{:.3} to {:.3}", ends[0], ends[1])) ", median " (format!("{median:.3}")) "." }
+        (legend(&legend_entries(classes.into_iter().chain([failing]))))
+        figure.beside {
+            (map.svg())
+            figcaption {
+                "The sole from above, the toes at the top. Colours: the gain of a cell relative to the median. A gradient across the \
+                 sole suggests an uneven pressure or sheet; single lines of cells, contacts of a row or column."
+            }
+        }
+    }
+}
+
+/// The gain of a cell, and whether it fails.
+struct CellGain {
+    gain: f64,
+    fails: bool,
+}
+
+fn cell_gains(calibration: &Calibration) -> impl Iterator<Item = CellGain> + '_ {
+    calibration.cells.iter().enumerate().map(|(cell, calibrated)| CellGain {
+        gain: calibrated.gain.into(),
+        fails: calibration.failing.iter().any(|(failing, _)| *failing == cell),
+    })
+}
