@@ -6,7 +6,7 @@ use crate::format::{count, number, percent, signed_percent};
 use fit::calibration::{Calibration, Check, Errors};
 use maud::{Markup, html};
 use plantar::Side;
-use plantar::pipeline::calibrate::FULL_CODE;
+use plantar::pipeline::calibrate::{CellCalibration, FULL_CODE};
 use recording::{Plateau, Plateaus};
 use std::fmt::Write as _;
 
@@ -62,7 +62,10 @@ fn summary(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
             }
             @if let Some((kpa, difference)) = calibration.hysteresis {
                 dt { "Hysteresis" }
-                dd { "At " (number(kpa)) " kPa, the later reading differs by " (signed_percent(difference)) " % from the earlier one." }
+                dd {
+                    "At " (number(kpa)) " kPa, the later reading differs by " (signed_percent(difference))
+                    " % from the earlier one."
+                }
             }
             @if let Some(codes) = calibration.zero_change {
                 dt { "Zero" }
@@ -83,8 +86,9 @@ fn law(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
     let Some(law) = calibration.law else {
         return html! { "The exponent " (firmware) " of the firmware was not checked: this needs three plateaus with load." };
     };
+    let [low, high] = law.interval;
     html! {
-        (format!("The plateaus show the exponent {:.3} (95 % confidence interval {:.3} to {:.3})", law.exponent, law.interval[0], law.interval[1]))
+        (format!("The plateaus show the exponent {:.3} (95 % confidence interval {low:.3} to {high:.3})", law.exponent))
         (format!(" with a full scale of {:.0} kPa; the firmware has {firmware}. ", law.full_kpa))
         @if law.is_needed {
             strong { "The law of the firmware does not fit this sheet: build the firmware with that of the plateaus." }
@@ -138,9 +142,8 @@ fn errors(calibration: &Calibration) -> Markup {
         figure.beside {
             (drawing.svg())
             figcaption {
-                "Points: mean over the cells. Bars: 95 % of the cells. If a pressure is left out, its \
-                 errors are those to expect at a pressure that is not among the plateaus; at the lowest and the highest one, beyond \
-                 the others."
+                "Points: mean over the cells. Bars: 95 % of the cells. If a pressure is left out, its errors are those to \
+                 expect at a pressure that is not among the plateaus; at the lowest and the highest one, beyond the others."
             }
         }
         (wide("Errors at the plateaus", table(calibration)))
@@ -187,7 +190,7 @@ fn table(calibration: &Calibration) -> Markup {
 fn quantiles(plateau: &Plateau, calibration: &Calibration) -> Option<[f64; 3]> {
     let is_sound = |cell: usize| calibration.failing.iter().all(|(failing, _)| *failing != cell);
     let codes = plateau.codes.iter().zip(&calibration.cells).enumerate().filter(|(cell, _)| is_sound(*cell));
-    let above_zero = |(_, (code, cell)): (usize, (&f32, &plantar::pipeline::calibrate::CellCalibration))| {
+    let above_zero = |(_, (code, cell)): (usize, (&f32, &CellCalibration))| {
         (f64::from(*code) - f64::from(cell.offset)) / f64::from(FULL_CODE)
     };
     let mut all: Vec<f64> = codes.map(above_zero).collect();
@@ -257,8 +260,8 @@ fn codes(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
         figure.beside {
             (drawing.svg())
             figcaption {
-                "Both scales are logarithmic, so that a power law is a straight line, and its exponent is the slope. Points beside the \
-                 line of the firmware are errors that no gain can correct."
+                "Both scales are logarithmic, so that a power law is a straight line, and its exponent is the slope. Points \
+                 beside the line of the firmware are errors that no gain can correct."
             }
         }
     }
@@ -286,7 +289,8 @@ fn gains(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
             svg width=(MAP_SCALE * width_mm) height=(MAP_SCALE * height_mm)
                 viewBox={ (left_mm) " " (-y_mm[1]) " " (width_mm) " " (height_mm) } {
                 g transform={ "scale(" (mirror) " -1)" } {
-                    @for (i, (cell, CellGain { gain, fails })) in plateaus.cells.iter().zip(cell_gains(calibration)).enumerate() {
+                    @let cells = plateaus.cells.iter().zip(cell_gains(calibration)).enumerate();
+                    @for (i, (cell, CellGain { gain, fails })) in cells {
                         @let path = square(cell.x_mm.into(), cell.y_mm.into(), cell.area_mm2.into());
                         @if fails {
                             path.empty d=(path) { title { "cell " (i) ": fails" } }
@@ -308,8 +312,8 @@ fn gains(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
         figure.beside {
             (map.svg())
             figcaption {
-                "The sole from above, the toes at the top. Colours: the gain of a cell relative to the median. A gradient across the \
-                 sole suggests an uneven pressure or sheet; single lines of cells, contacts of a row or column."
+                "The sole from above, the toes at the top. Colours: the gain of a cell relative to the median. A gradient \
+                 across the sole suggests an uneven pressure or sheet; single lines of cells, contacts of a row or column."
             }
         }
     }

@@ -12,6 +12,8 @@ import { PHONE, open, phonePath, servedBrowser } from "./browser";
 
 /** Number of records: two weeks with 5,000 steps of each foot on every day. */
 const MANY = 140_000;
+/** Number of loads of the page that are measured, an odd number. */
+const LOADS = 3;
 /** Time in which the browser must have stored these records and shown the page; a slow computer needs half a minute. */
 const TIMEOUT_MS = 180_000;
 /** Time of the first record: noon of 1 January 2026. */
@@ -278,9 +280,14 @@ test("a page with many stored records shows the last ones and all days", { timeo
     },
     { messages, count: MANY, start_unix_s: START_UNIX_S },
   );
-  await page.reload();
-  await page.waitForFunction(() => document.querySelectorAll("#table tbody tr").length > 0);
-  const load_ms = await page.evaluate(() => performance.now());
+  // The median, because other programs on this computer can delay a load.
+  const loads_ms: number[] = [];
+  while (loads_ms.length < LOADS) {
+    await page.reload();
+    await page.waitForFunction(() => document.querySelectorAll("#table tbody tr").length > 0);
+    loads_ms.push(await page.evaluate(() => performance.now()));
+  }
+  const load_ms = loads_ms.sort((a, b) => a - b)[(LOADS - 1) / 2]!;
   const protocol = await context.newCDPSession(page);
   await protocol.send("Performance.enable");
   const { metrics } = await protocol.send("Performance.getMetrics");
