@@ -241,10 +241,10 @@ fn plateaus() {
         ContactRule::COUNTED,
         StanceRule::ADAPTIVE,
     );
-    let mut plateaus = Plateaus::new(&insole.setup, &insole.cells[..12], "P-0001".into());
+    let mut plateaus = Plateaus::new(&insole.setup, &insole.cells[..12], "P-0001", "1.0.0");
     for (pressure_kpa, code) in [(0.0, 6000), (50.0, 12_000), (100.0, 16_400), (200.0, 24_100)] {
         let frame: Vec<u16> = (0..12).map(|cell| code + 10 * cell).collect();
-        plateaus.plateaus.extend(Plateau::of(pressure_kpa, &vec![frame; 3]));
+        plateaus.plateaus.extend(Plateau::of(pressure_kpa, pressure_kpa, 0, &vec![frame; 3]));
     }
     let file = tempfile::NamedTempFile::new().expect("the file can be created");
     plateaus.write(file.path()).expect("the plateaus are written");

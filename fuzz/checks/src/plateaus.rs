@@ -12,10 +12,10 @@ pub fn check(data: &[u8]) {
     match Calibration::of(&plateaus) {
         Ok(calibration) => {
             assert_eq!(calibration.cells.len(), plateaus.cells.len());
+            assert_eq!(calibration.failures.len(), plateaus.cells.len());
             assert!(calibration.cells.iter().all(CellCalibration::is_valid), "{:?}", calibration.cells);
-            assert!(calibration.failing.iter().all(|(cell, _)| *cell < plateaus.cells.len()));
-            let exponent = calibration.law.map(|law| law.exponent);
-            assert!(exponent.is_none_or(f64::is_finite), "{exponent:?}");
+            assert!(calibration.gains.iter().all(|gain| (0.1..=10.0).contains(gain)));
+            assert!(calibration.law.is_none_or(|law| law.law.is_valid()), "{:?}", calibration.law);
         }
         Err(CalibrationError::TooManyFailing { failing, cells, cell, .. }) => assert!(failing <= cells && cell < cells),
         Err(_) => {}

@@ -114,6 +114,14 @@ impl fmt::Display for Connection {
     }
 }
 
+/// The cause and the remedy of a failure of the link, for the user.
+pub fn link_problem(error: &Error) -> String {
+    match error {
+        Error::Refused(refusal) => refusal.to_string(),
+        _ => "connection lost: come closer, or check the cable".into(),
+    }
+}
+
 /// Wraps the reason why a carrier could not be opened.
 pub fn open_error(error: anyhow::Error) -> Error {
     Error::Open(error.into())

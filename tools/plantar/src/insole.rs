@@ -1,5 +1,6 @@
 //! `plantar insole`: identity, settings, alerts and calibration of an insole.
 
+use crate::calibrate::{PLATEAUS_FILE, plateaus_of};
 use crate::carrier::{AnyClient, Connection, InsoleLink};
 use crate::params::note_unless_of_this_foot;
 use crate::summary::{REGION_LABELS, rejected_line};
@@ -10,7 +11,7 @@ use plantar::Side;
 use plantar::pipeline::baseline::MAX_RESIDUAL_KPA;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::protocol::{Identity, Radio, Serial, Status};
-use recording::output;
+use recording::{Plateaus, output};
 use serde::Deserialize;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -71,7 +72,7 @@ pub enum Insole {
     ///
     /// The file has the header `cell,offset,gain` and one line for each cell, in the order of the insole's layout. `cell` is the
     /// cell's number from 0, `offset` the code of the unloaded cell, and `gain` the factor that corrects its pressure, 0.1 to 10.
-    /// `plantar calibrate` determines it.
+    /// `plantar calibrate` determines it; its file is refused for another insole.
     Calibrate {
         /// The CSV file with the calibration.
         file: PathBuf,
@@ -159,6 +160,7 @@ impl Insole {
                         cells.len()
                     );
                 }
+                ensure_same_insole(file, client)?;
                 let identity = client.calibrate(&cells)?;
                 restart(&mut insole)?;
                 print_identity(&identity);
@@ -305,6 +307,33 @@ struct CalibrationLine {
     cell: u16,
     offset: u16,
     gain: f32,
+}
+
+/// Refuses a calibration of another insole or of another sensor law, as the plateaus of `plantar calibrate` beside the file show.
+/// A file without plateaus states no insole.
+fn ensure_same_insole(file: &Path, client: &mut AnyClient) -> Result<()> {
+    let plateaus = file.with_file_name(PLATEAUS_FILE);
+    if !plateaus.exists() {
+        return Ok(());
+    }
+    let of = Plateaus::read(&plateaus)?;
+    let insole = plateaus_of(client)?;
+    ensure!(
+        of.is_of_same_insole(&insole),
+        "{}: the calibration is that of the {} insole {}, not of this one, the {} insole {}: connect the right insole",
+        file.display(),
+        of.side.name(),
+        of.serial_number,
+        insole.side.name(),
+        insole.serial_number
+    );
+    ensure!(
+        of.law == insole.law,
+        "{}: the firmware of this insole has another sensor law: determine the gains for it with `plantar calibrate measure`, as \
+         docs/calibration.md describes",
+        file.display()
+    );
+    Ok(())
 }
 
 /// Writes a calibration file. The file appears only once it is complete, because an incomplete one could be sent to an insole.

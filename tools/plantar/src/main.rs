@@ -166,7 +166,7 @@ fn run() -> ExitCode {
         Command::Zero(zero) => zero.run(),
         Command::Replay(replay) => replay.run(),
         Command::Fit(fit) => return status(fit.run()),
-        Command::Calibrate(calibrate) => calibrate.run(),
+        Command::Calibrate(calibrate) => return status(calibrate.run()),
         Command::Identify(identify) => return status(identify.run()),
         Command::Cohort(cohort) => return status(cohort.run()),
         Command::Repeat(repeat) => return status(repeat.run()),

@@ -74,9 +74,9 @@ fn board(bladder: &Bladder) -> (Board, String) {
     (board, address)
 }
 
-/// Runs the command, and passes each line of its output to `respond`, which returns false to close the standard input, and
-/// otherwise presses Enter if the line asks for it. Returns whether the command succeeded, and its output.
-fn run(arguments: &[&str], mut respond: impl FnMut(&str) -> bool) -> (bool, String) {
+/// Runs the command, and passes each line of its output to `respond`, which returns what to type, or `None` to close the standard
+/// input. Returns the exit status of the command, and its output.
+fn run(arguments: &[&str], mut respond: impl FnMut(&str) -> Option<&'static str>) -> (Option<i32>, String) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_plantar"))
         .args(arguments)
         .stdin(Stdio::piped())
@@ -88,18 +88,25 @@ fn run(arguments: &[&str], mut respond: impl FnMut(&str) -> bool) -> (bool, Stri
     let mut text = String::new();
     for line in BufReader::new(child.stdout.take().expect("piped")).lines() {
         let line = line.expect("text");
-        if !respond(&line) {
-            keys = None;
-        } else if line.contains("press Enter")
-            && let Some(keys) = &mut keys
-        {
-            keys.write_all(b"\n").expect("the program reads its keys");
+        match (respond(&line), &mut keys) {
+            (Some(typed), Some(keys)) => keys.write_all(typed.as_bytes()).expect("the program reads its keys"),
+            _ => keys = None,
         }
         text += &line;
         text.push('\n');
     }
     let output = child.wait_with_output().expect("the program ends");
-    (output.status.success(), text + &String::from_utf8_lossy(&output.stderr))
+    (output.status.code(), text + &String::from_utf8_lossy(&output.stderr))
+}
+
+/// The answer to a line of the output of `plantar calibrate measure`, if the device obeys each question: Enter.
+fn obey(line: &str, bladder: &Bladder) -> Option<&'static str> {
+    if line.contains("remove all load") {
+        bladder.set(0.0, 0);
+    } else if let Some((_, rest)) = line.split_once(": set ") {
+        bladder.set(rest.split(' ').next()?.parse().expect("a pressure"), 0);
+    }
+    Some(if line.contains("press Enter") { "\n" } else { "" })
 }
 
 #[test]
@@ -110,96 +117,171 @@ fn an_insole_is_calibrated_although_the_measurement_is_interrupted() {
     let out_text = out.to_str().expect("a path");
     let bladder = Bladder::default();
     let (_board, address) = board(&bladder);
-    let measure = |pressures: &'static str| {
-        ["calibrate", "measure", "--pressures", pressures, "--out", out_text, "--tcp", &address].map(str::to_string)
-    };
-    let measured = |pressures, respond: &mut dyn FnMut(&str) -> bool| {
-        let arguments = measure(pressures);
-        run(&arguments.each_ref().map(String::as_str), respond)
+    let silent = |_: &str| Some("");
+    let measured = |pressures: &str, respond: &mut dyn FnMut(&str) -> Option<&'static str>| {
+        run(&["calibrate", "measure", "--pressures", pressures, "--out", out_text, "--tcp", &address], respond)
     };
 
-    // Pressures that cannot be evaluated are refused before anything is measured.
-    let (is_good, text) = measured("50,100", &mut |_| true);
-    assert!(!is_good && text.contains("give 0 kPa") && !out.exists(), "{text}");
+    // Pressures that cannot be evaluated are refused before anything is measured, and so is an insole that cannot be identified.
+    let (status, text) = measured("50,100", &mut |_| Some(""));
+    assert!(status == Some(1) && text.contains("give 0 kPa") && !out.exists(), "{text}");
+    let (status, text) = measured("0,0.5,1.0", &mut |_| Some(""));
+    assert!(status == Some(2) && text.contains("0, or 1 to 3000"), "{text}");
+    let (status, text) = measured("0,50,100", &mut |_| Some(""));
+    assert!(status == Some(1) && text.contains("plantar insole name"), "{text}");
+    let (status, text) = run(&["insole", "name", "--serial-number", "P-0001", "--tcp", &address], silent);
+    assert_eq!(status, Some(0), "{text}");
 
-    // At the first attempt, the pressure of the second plateau still rises. Then the standard input ends.
+    // At the first attempt, the pressure of the second plateau still rises. A line that is typed before a question does not answer
+    // it. The gauge shows another pressure than the one that was asked for. Then the standard input ends.
     let mut attempts = 0;
-    let (is_good, text) = measured("0,50,200,50,0", &mut |line: &str| {
+    let (status, text) = measured("0,50,200,50,0", &mut |line: &str| {
+        if line.contains("set 200 kPa") {
+            return None;
+        }
         if line.contains("set 50 kPa") {
             attempts += 1;
-            bladder.set(50.0, if attempts == 1 { 200 } else { 0 });
+            bladder.set(52.0, if attempts == 1 { 200 } else { 0 });
+            return Some("52\n");
         }
-        !line.contains("set 200 kPa")
+        // Enter, typed twice.
+        Some(if line.contains("press Enter") { "\n\n" } else { "" })
     });
     assert!(text.contains("the reading changed by +") && attempts == 2, "{text}");
-    assert!(!is_good && text.contains("plateau 3 of 5: the plateaus before it are stored"), "{text}");
+    assert!(status == Some(1) && text.contains("plateau 3 of 5: the plateaus before it are stored"), "{text}");
 
-    let (is_good, text) = measured("0,100,200", &mut |_| true);
-    assert!(!is_good && text.contains("[0.0, 50.0] kPa, with which --pressures must begin"), "{text}");
+    let (status, text) = measured("0,100,200", &mut |_| Some(""));
+    assert!(status == Some(1) && text.contains("[0.0, 50.0] kPa, with which --pressures must begin"), "{text}");
 
-    // On the way back, the sheet reads 4 % more.
-    let (is_good, text) = measured("0,50,200,50,0", &mut |line: &str| {
-        for (words, kpa) in [("set 200 kPa", 200.0), ("set 50 kPa", 52.0), ("remove all load", 0.0)] {
-            if line.contains(words) {
-                bladder.set(kpa, 0);
+    // The third plateau is repeated once, because the pressure was wrong. On the way back, the sheet reads 4 % more.
+    let mut asked_for_200 = 0;
+    let (status, text) = measured("0,50,200,50,0", &mut |line: &str| {
+        let answer = obey(line, &bladder);
+        if line.contains("set 200 kPa") {
+            asked_for_200 += 1;
+            bladder.set(if asked_for_200 == 1 { 250.0 } else { 200.0 }, 0);
+        } else if line.contains("set 50 kPa") {
+            bladder.set(52.0, 0);
+            if asked_for_200 == 1 {
+                return Some("r\n");
             }
         }
-        true
+        answer
     });
-    assert!(is_good && text.contains("2 of 5 plateaus are measured already"), "{text}");
-    assert!(text.contains("hysteresis: at 50 kPa, the later reading differs by +4.0 %"), "{text}");
+    assert!(text.contains("2 of 5 plateaus are measured already") && asked_for_200 == 2, "{text}");
+    assert!(text.contains("hysteresis: at 50 kPa, the reading after higher pressures differs by +4.0 %"), "{text}");
+    assert_eq!(status, Some(0), "{text}");
 
     let check = |text: &str| {
         let lines: Vec<&str> = text.lines().skip(1).collect();
         assert_eq!(lines.len(), 240);
-        // Two of the three loaded plateaus are at 50 kPa, one of which reads 4 % more.
-        let expected = |cell: usize| gain(cell) / 1.04f64.powf(1.0 / 3.0);
+        // At one of two levels, the mean of a plateau that reads the gauge's pressure and one that reads 4 % more.
+        let expected = |cell: usize| gain(cell) / 1.04f64.powf(0.25);
         for (cell, line) in lines.iter().enumerate() {
             let fields: Vec<f64> = line.split(',').map(|field| field.parse().expect("a number")).collect();
             assert_eq!(fields[1], f64::from(zero(cell)), "the zero of cell {cell}");
-            assert!(
-                (fields[2] / expected(cell) - 1.0).abs() < 0.002,
-                "cell {cell}: {} of {:.4}",
-                fields[2],
-                expected(cell)
-            );
+            let error = fields[2] / expected(cell) - 1.0;
+            assert!(error.abs() < 0.002, "cell {cell}: {} of {:.4}", fields[2], expected(cell));
         }
     };
     let file = out.join("calibration.csv");
     check(&std::fs::read_to_string(&file).expect("a calibration"));
     std::fs::remove_file(&file).expect("removed");
-    let (is_good, text) = run(&["calibrate", "evaluate", "--out", out_text], |_| true);
-    assert!(is_good, "{text}");
+
+    // When all plateaus are measured, the command only evaluates them again.
+    let (status, text) = measured("0,50,200,50,0", &mut |_| Some(""));
+    assert!(status == Some(0) && !text.contains("measuring"), "{text}");
     check(&std::fs::read_to_string(&file).expect("a calibration"));
     let report = std::fs::read_to_string(out.join("calibration.html")).expect("a report");
-    assert!(
-        report.contains("Calibration of a right insole") && report.contains("the later reading differs by +4.0 %"),
-        "the report has the hysteresis"
-    );
+    assert!(report.contains("Calibration of a right insole") && report.contains("Insole P-0001"));
+    assert!(report.contains("the reading after higher pressures differs by +4.0 %"));
 
-    let (is_good, text) = run(&["insole", "calibrate", file.to_str().expect("a path"), "--tcp", &address], |_| true);
-    assert!(is_good, "{text}");
-    let (_, text) = run(&["insole", "show", "--tcp", &address], |_| true);
+    // The calibration is accepted by this insole only.
+    let plateaus = out.join("plateaus.json");
+    let content = std::fs::read_to_string(&plateaus).expect("plateaus");
+    std::fs::write(&plateaus, content.replace("P-0001", "P-0002")).expect("written");
+    let store = ["insole", "calibrate", file.to_str().expect("a path"), "--tcp", &address];
+    let (status, text) = run(&store, silent);
+    assert!(status == Some(1) && text.contains("that of the right insole P-0002, not of this one"), "{text}");
+    let (status, text) = measured("0,50,200,50,0", &mut |_| Some(""));
+    assert!(status == Some(1) && text.contains("the plateaus are those of the right insole P-0002"), "{text}");
+    std::fs::write(&plateaus, content.replace("\"exponent\":0.8", "\"exponent\":0.9")).expect("written");
+    let (status, text) = run(&store, silent);
+    assert!(status == Some(1) && text.contains("another sensor law"), "{text}");
+    std::fs::write(&plateaus, content).expect("written");
+    let (status, text) = run(&store, silent);
+    assert_eq!(status, Some(0), "{text}");
+    let (_, text) = run(&["insole", "show", "--tcp", &address], silent);
     assert!(text.contains("\ncalibration ") && !text.contains("calibration: none"), "{text}");
+}
+
+/// A file of plateaus with the pressures of `plateaus`, kPa, and the codes above a zero of 6000 of all cells, the last of which does
+/// not respond.
+fn file(cells: usize, plateaus: &[(f64, f32)]) -> String {
+    let cell = r#"{"x_mm":0.0,"y_mm":0.0,"area_mm2":60.0,"row_column":18}"#;
+    let plateau = |(kpa, code): &(f64, f32)| {
+        let mut codes = vec![(6000.0 + code).to_string(); cells];
+        codes[cells - 1] = "6000".into();
+        let zeros = vec!["0"; cells].join(",");
+        format!(
+            r#"{{"nominal_kpa":{kpa},"pressure_kpa":{kpa},"unix_s":0,"frames":3,"codes":[{}],"changes":[{zeros}]}}"#,
+            codes.join(",")
+        )
+    };
+    let plateaus: Vec<String> = plateaus.iter().map(plateau).collect();
+    format!(
+        r#"{{"version":1,"side":"Left","serial_number":"A","firmware":"1","note":"","law":{{"full_kpa":1000.0,"exponent":0.8}},"cells":[{}],"plateaus":[{}]}}"#,
+        vec![cell; cells].join(","),
+        plateaus.join(",")
+    )
+}
+
+#[test]
+fn implausible_pressures_and_cells_that_fail_are_reported() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let evaluate = |content: &str| {
+        std::fs::write(folder.path().join("plateaus.json"), content).expect("written");
+        run(&["calibrate", "evaluate", "--out", folder.path().to_str().expect("a path")], |_| Some(""))
+    };
+    let code = |kpa: f64, exponent: f64| 65_520.0 * (kpa / 1000.0).powf(exponent) as f32;
+    let sheet = |exponent: f64, stated: f64| {
+        let plateau = |kpa: f64| (kpa * stated, code(kpa, exponent));
+        file(12, &[(0.0, 0.0), plateau(25.0), plateau(100.0), plateau(400.0)])
+    };
+    let (status, text) = evaluate(&sheet(0.8, 1.0));
+    assert!(status == Some(3) && text.contains("no response at 25 kPa: cell 11 (row 1, column 2)"), "{text}");
+    assert!(text.contains("store it with") && text.contains("fits this sheet"), "{text}");
+    let (_, text) = evaluate(&sheet(0.8, 1.0 / 6.895));
+    assert!(text.contains("0.15 times those of the built-in law: are they in kPa"), "{text}");
+    let (status, text) = evaluate(&sheet(0.9, 1.0));
+    assert!(status == Some(3) && text.contains("full_kpa 1000 and exponent 0.900"), "{text}");
+    assert!(text.contains("zero of the gauge") && !text.contains("store it with"), "{text}");
+    // All cells are at full scale at one of the pressures.
+    let (_, text) =
+        evaluate(&file(12, &[(0.0, 0.0), (25.0, code(25.0, 0.8)), (100.0, code(100.0, 0.8)), (900.0, 59_520.0)]));
+    assert!(
+        text.contains("not used: 11 cells are at full scale") && !text.contains("NaN") && !text.contains("inf"),
+        "{text}"
+    );
 }
 
 #[test]
 fn plateaus_that_cannot_be_read_or_do_not_suffice_are_refused_by_name() {
     let folder = tempfile::tempdir().expect("a folder");
-    let out = folder.path().to_str().expect("a path");
-    let refused = |content: &str| {
+    let refused = |content: &str, expected: &str| {
         std::fs::write(folder.path().join("plateaus.json"), content).expect("written");
-        let (is_good, text) = run(&["calibrate", "evaluate", "--out", out], |_| true);
-        assert!(!is_good && text.contains("plateaus.json"), "{text}");
-        text
+        let out = folder.path().to_str().expect("a path");
+        let (status, text) = run(&["calibrate", "evaluate", "--out", out], |_| Some(""));
+        assert!(status == Some(1) && text.contains("plateaus.json") && text.contains(expected), "{text}");
     };
-    assert!(refused("{").contains("EOF"));
-    let head = r#""side":"Left","serial_number":"","layout_id":1,"law":{"full_kpa":1000.0,"exponent":0.8}"#;
-    let cell = r#""cells":[{"x_mm":0.0,"y_mm":0.0,"area_mm2":60.0}]"#;
-    assert!(refused(&format!(r#"{{"version":2,{head},{cell},"plateaus":[]}}"#)).contains("version 2"));
-    assert!(refused(&format!(r#"{{"version":1,{head},{cell},"plateaus":[]}}"#)).contains("no plateau of 0 kPa"));
-    let plateau = r#"{"pressure_kpa":-1.0,"frames":3,"codes":[5.0],"changes":[0.0]}"#;
-    assert!(refused(&format!(r#"{{"version":1,{head},{cell},"plateaus":[{plateau}]}}"#)).contains("plateau 0: -1 kPa"));
-    let plateau = r#"{"pressure_kpa":0.0,"frames":3,"codes":[],"changes":[]}"#;
-    assert!(refused(&format!(r#"{{"version":1,{head},{cell},"plateaus":[{plateau}]}}"#)).contains("each of 1 cells"));
+    refused("{", "EOF");
+    let good = file(2, &[(0.0, 0.0), (50.0, 6000.0), (100.0, 10_000.0)]);
+    refused(&good.replace("\"version\":1", "\"version\":2"), "version 2");
+    refused(&good.replace("\"frames\":3", "\"frames\":2"), "plateau 1: 2 frames");
+    refused(&good.replace("pressure_kpa\":50", "pressure_kpa\":-1"), "plateau 2: -1 kPa");
+    refused(&good.replace("pressure_kpa\":50", "pressure_kpa\":0"), "plateau 2: one pressure is 0");
+    refused(&good.replace("\"codes\":[6000,", "\"codes\":["), "plateau 1: not a code and a change for each of 2 cells");
+    refused(&good.replace("\"area_mm2\":60.0", "\"area_mm2\":-5"), "its area is not");
+    refused(&file(2, &[(50.0, 6000.0)]), "no plateau of 0 kPa");
+    refused(&file(2, &[(0.0, 0.0); 101]), "101 plateaus");
 }

@@ -64,7 +64,7 @@ pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
 pub use names::area_title;
 pub use parts::{files, is_parquet};
-pub use plateaus::{MAX_PLATEAU_KPA, Plateau, PlateauCell, Plateaus};
+pub use plateaus::{MAX_PLATEAU_KPA, MAX_PLATEAUS, MIN_PLATEAU_KPA, Plateau, PlateauCell, Plateaus, is_plateau_kpa};
 pub use rate::is_same_rate;
 pub use reader::RecordingReader;
 pub use recording::Recording;

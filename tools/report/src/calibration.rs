@@ -3,7 +3,7 @@
 use crate::document::{document, legend, section, wide};
 use crate::drawing::{Curves, Drawing, Scale, legend_entries, square};
 use crate::format::{count, number, percent, signed_percent};
-use fit::calibration::{Calibration, Check, Errors};
+use fit::calibration::{Calibration, Check, CheckResult, Errors, Verdict, quantile};
 use maud::{Markup, html};
 use plantar::Side;
 use plantar::pipeline::calibrate::{CellCalibration, FULL_CODE};
@@ -27,14 +27,12 @@ const CLASSES: [(f64, &str, &str); 5] = [
 
 /// The page as one HTML file, which loads no other resource and contains no scripts.
 pub fn html(plateaus: &Plateaus, calibration: &Calibration) -> String {
-    let serial = match plateaus.serial_number.as_str() {
-        "" => "without a serial number",
-        serial => serial,
-    };
     let page = document(
         &format!("Calibration of a {} insole", plateaus.side.name()),
         &format!(
-            "Insole {serial}, {}, {}",
+            "Insole {}, firmware {}, {}, {}",
+            plateaus.serial_number,
+            plateaus.firmware,
             count(plateaus.cells.len(), "cell"),
             count(plateaus.plateaus.len(), "plateau")
         ),
@@ -49,33 +47,47 @@ pub fn html(plateaus: &Plateaus, calibration: &Calibration) -> String {
 }
 
 fn summary(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
-    let worst = |of: fn(&Check) -> Option<Errors>| {
-        calibration.checks.iter().filter_map(of).map(|errors| errors.most).fold(0.0, f64::max)
-    };
+    let results = || calibration.checks.iter().filter_map(|check| check.result);
+    let worst = |values: Vec<f64>| values.into_iter().reduce(f64::max).map_or("–".into(), percent);
+    let inner = results().filter(|result| !result.is_end).map(|result| result.left_out.most).collect();
+    let ends = results().filter(|result| result.is_end).map(|result| result.left_out.most).collect();
     html! {
         dl.facts {
-            dt { "Accuracy" }
-            dd {
-                "At a pressure that was left out of the calibration, 95 % of the cells measure it to within "
-                (percent(worst(|check| check.left_out))) " % (the worst plateau). At the plateaus themselves: "
-                (percent(worst(|check| check.errors))) " %."
+            @if !plateaus.note.is_empty() {
+                dt { "Note" }
+                dd { (plateaus.note) }
             }
-            @if let Some((kpa, difference)) = calibration.hysteresis {
+            dt { "Consistency" }
+            dd {
+                "At a pressure that was left out of the calibration, 95 % of the cells agree with the gauge to within "
+                (worst(inner)) " %, beyond the other pressures to within " (worst(ends)) " % (the worst plateaus); at the \
+                plateaus themselves to within " (worst(results().map(|result| result.errors.most).collect())) " %. This does \
+                not include errors of the gauge, uneven pressure, temperature and creep."
+            }
+            @if let Some(hysteresis) = calibration.hysteresis {
                 dt { "Hysteresis" }
                 dd {
-                    "At " (number(kpa)) " kPa, the later reading differs by " (signed_percent(difference))
-                    " % from the earlier one."
+                    "At " (number(hysteresis.nominal_kpa)) " kPa, the reading after higher pressures differs by "
+                    (signed_percent(hysteresis.difference)) " %."
                 }
             }
-            @if let Some(codes) = calibration.zero_change {
+            @if let Some(change) = calibration.zero_change {
                 dt { "Zero" }
-                dd { "Without load, the mean code changed by " (format!("{codes:+.0}")) " from the first to the last plateau." }
+                dd {
+                    "Without load, the mean code changed by " (format!("{:+.0}", change.codes))
+                    " from the first to the last plateau, " (signed_percent(change.share))
+                    " % of the codes at the lowest pressure."
+                }
             }
             dt { "Sensor law" }
             dd { (law(plateaus, calibration)) }
-            @if !calibration.failing.is_empty() {
+            @if calibration.failures.iter().any(Option::is_some) {
                 dt { "Failing cells" }
-                dd { @for (cell, reason) in &calibration.failing { "Cell " (cell) ": " (reason) ". " } }
+                dd {
+                    @for (cell, failure) in calibration.failures.iter().enumerate() {
+                        @if let Some(failure) = failure { "Cell " (cell) ": " (failure) ". " }
+                    }
+                }
             }
         }
     }
@@ -84,16 +96,22 @@ fn summary(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
 fn law(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
     let firmware = plateaus.law.exponent;
     let Some(law) = calibration.law else {
-        return html! { "The exponent " (firmware) " of the firmware was not checked: this needs three plateaus with load." };
+        return html! {
+            "The exponent " (firmware) " of the firmware was not checked: this needs three different pressures that can be used."
+        };
     };
     let [low, high] = law.interval;
     html! {
-        (format!("The plateaus show the exponent {:.3} (95 % confidence interval {low:.3} to {high:.3})", law.exponent))
-        (format!(" with a full scale of {:.0} kPa; the firmware has {firmware}. ", law.full_kpa))
-        @if law.is_needed {
-            strong { "The law of the firmware does not fit this sheet: build the firmware with that of the plateaus." }
-        } @else {
-            "The law of the firmware fits this sheet."
+        (format!("The plateaus show the exponent {:.3} (95 % confidence interval {low:.3} to {high:.3})", law.law.exponent))
+        (format!(" with a full scale of {:.0} kPa; the firmware has {firmware}. ", law.law.full_kpa))
+        @match law.verdict {
+            Verdict::Fits => "The law of the firmware fits this sheet.",
+            Verdict::Undetermined => "The plateaus scatter too much to determine whether the law of the firmware fits.",
+            Verdict::DoesNotFit => {
+                strong { "The law of the firmware does not fit." }
+                " Check the zero of the gauge (an error of " (format!("{:+.1}", law.gauge_offset_kpa)) " kPa would have a \
+                similar effect); otherwise build the firmware with the law of the plateaus."
+            }
         }
     }
 }
@@ -108,11 +126,12 @@ fn pressures(calibration: &Calibration) -> Scale {
 
 fn errors(calibration: &Calibration) -> Markup {
     let ends = |errors: Errors| errors.range.map(f64::abs).into_iter().fold(0.0, f64::max);
-    let all = calibration.checks.iter().flat_map(|check| [check.errors, check.left_out]).flatten().map(ends);
+    let results = calibration.checks.iter().filter_map(|check| check.result);
+    let all = results.flat_map(|result| [result.errors, result.left_out]).map(ends);
     let most = 110.0 * all.fold(0.01, f64::max);
     let chart = Curves { x: pressures(calibration), y: Scale::linear([-most, most], [CHART[1] - 32.0, 22.0]) };
     let bar = |check: &Check| {
-        let (errors, left_out) = (check.errors?, check.left_out?);
+        let CheckResult { errors, left_out, .. } = check.result?;
         let (x, y) = (chart.x.at(check.pressure_kpa), |share: f64| chart.y.at(100.0 * share));
         Some(html! {
             path.jacobian.s1 d={ "M" (x) " " (y(errors.range[0])) "V" (y(errors.range[1])) } {}
@@ -151,10 +170,7 @@ fn errors(calibration: &Calibration) -> Markup {
 }
 
 fn table(calibration: &Calibration) -> Markup {
-    let pair = |errors: Option<Errors>| match errors {
-        Some(Errors { mean, most, .. }) => html! { td { (signed_percent(mean)) } td { (percent(most)) } },
-        None => html! { td { "–" } td { "–" } },
-    };
+    let pair = |errors: Errors| html! { td { (signed_percent(errors.mean)) } td { (percent(errors.most)) } };
     html! {
         table {
             caption { "Errors in % of the pressure, in the order of measurement" }
@@ -162,8 +178,8 @@ fn table(calibration: &Calibration) -> Markup {
                 tr {
                     th scope="col" { "kPa" }
                     th scope="col" { "Frames" }
-                    th scope="col" { "Change in the measurement" }
                     th scope="col" { "Saturated cells" }
+                    th scope="col" { "Change in the measurement" }
                     th scope="col" { "Mean error" }
                     th scope="col" { "95 % of cells within ±" }
                     th scope="col" { "Left out: mean" }
@@ -175,10 +191,15 @@ fn table(calibration: &Calibration) -> Markup {
                     tr {
                         th scope="row" { (number(check.pressure_kpa)) }
                         td { (check.frames) }
-                        td { (signed_percent(check.change)) }
-                        td { (check.saturated) @if check.errors.is_none() { ", not used" } }
-                        (pair(check.errors))
-                        (pair(check.left_out))
+                        td { (check.saturated) }
+                        @match check.result {
+                            Some(result) => {
+                                td { (signed_percent(result.change)) }
+                                (pair(result.errors))
+                                (pair(result.left_out))
+                            }
+                            None => td.reason colspan="5" { "not used: too many cells are saturated" },
+                        }
                     }
                 }
             }
@@ -186,17 +207,14 @@ fn table(calibration: &Calibration) -> Markup {
     }
 }
 
-/// The codes above zero of the cells at a plateau that do not fail, as parts of full scale: the 5 %, 50 % and 95 % quantiles.
+/// The codes above zero of the cells at a plateau that do not fail, as parts of full scale: the quantiles 5 %, 50 % and 95 %.
 fn quantiles(plateau: &Plateau, calibration: &Calibration) -> Option<[f64; 3]> {
-    let is_sound = |cell: usize| calibration.failing.iter().all(|(failing, _)| *failing != cell);
-    let codes = plateau.codes.iter().zip(&calibration.cells).enumerate().filter(|(cell, _)| is_sound(*cell));
-    let above_zero = |(_, (code, cell)): (usize, (&f32, &CellCalibration))| {
-        (f64::from(*code) - f64::from(cell.offset)) / f64::from(FULL_CODE)
-    };
-    let mut all: Vec<f64> = codes.map(above_zero).collect();
-    all.sort_by(f64::total_cmp);
-    let at = |share: f64| all.get((share * all.len().saturating_sub(1) as f64).round() as usize).copied();
-    Some([at(0.05)?, at(0.5)?, at(0.95)?])
+    let codes = plateau.codes.iter().zip(&calibration.cells).zip(&calibration.failures);
+    let above_zero =
+        |(code, cell): (&f32, &CellCalibration)| (f64::from(*code) - f64::from(cell.offset)) / f64::from(FULL_CODE);
+    let sound = codes.filter(|(_, failure)| failure.is_none()).map(|(cell, _)| above_zero(cell));
+    let mut all: Vec<f64> = sound.collect();
+    Some([quantile(&mut all, 0.05)?, quantile(&mut all, 0.5)?, quantile(&mut all, 0.95)?])
 }
 
 fn codes(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
@@ -209,12 +227,12 @@ fn codes(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
         x: pressures(calibration),
         y: Scale::logarithmic([(80.0 * least).min(20.0 * most), 110.0 * most], [CHART[1] - 32.0, 22.0], false),
     };
+    let least_kpa = calibration.checks.iter().map(|check| check.pressure_kpa).fold(f64::MAX, f64::min);
+    let most_kpa = calibration.checks.iter().map(|check| check.pressure_kpa).fold(least_kpa, f64::max);
     let line = |full_kpa: f64, exponent: f64| {
         let mut path = String::new();
         for i in 0..=40 {
-            let least = calibration.checks.iter().map(|check| check.pressure_kpa).fold(f64::MAX, f64::min);
-            let most = calibration.checks.iter().map(|check| check.pressure_kpa).fold(least, f64::max);
-            let kpa = least * (most / least).powf(f64::from(i) / 40.0);
+            let kpa = least_kpa * (most_kpa / least_kpa).powf(f64::from(i) / 40.0);
             let share = 100.0 * (kpa / full_kpa).powf(exponent);
             if !chart.y.is_beyond(share) {
                 // Writing to a String does not fail.
@@ -229,10 +247,7 @@ fn codes(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
         }
         path
     };
-    let mut gains: Vec<f64> = calibration.cells.iter().map(|cell| cell.gain.into()).collect();
-    gains.sort_by(f64::total_cmp);
-    let median_gain = gains.get(gains.len() / 2).copied().unwrap_or(1.0);
-    let firmware = line(median_gain * f64::from(plateaus.law.full_kpa), plateaus.law.exponent.into());
+    let firmware = line(calibration.median_gain() * f64::from(plateaus.law.full_kpa), plateaus.law.exponent.into());
     let drawing = Drawing {
         width: CHART[0],
         height: CHART[1],
@@ -240,7 +255,7 @@ fn codes(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
         body: html! {
             (chart.axes("pressure, kPa", "code above zero, % of full scale"))
             path.line.s1 d=(firmware) {}
-            @if let Some(law) = calibration.law { path.model.dashed.s5 d=(line(law.full_kpa, law.exponent)) {} }
+            @if let Some(law) = calibration.law { path.model.dashed.s5 d=(line(law.law.full_kpa.into(), law.law.exponent.into())) {} }
             @for (plateau, [low, middle, high]) in &measured {
                 @let (x, y) = (chart.x.at(plateau.pressure_kpa), |share: &f64| chart.y.at(100.0 * share));
                 path.axis d={ "M" (x) " " (y(low)) "V" (y(high)) } {}
@@ -268,9 +283,7 @@ fn codes(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
 }
 
 fn gains(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
-    let mut sorted: Vec<f64> = calibration.cells.iter().map(|cell| cell.gain.into()).collect();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0);
+    let median = calibration.median_gain();
     let class =
         |gain: f64| CLASSES.iter().find(|(limit, ..)| gain / median < *limit).map_or("s5", |(_, colour, _)| colour);
     let extent = |of: fn(&recording::PlateauCell) -> f32| {
@@ -289,11 +302,11 @@ fn gains(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
             svg width=(MAP_SCALE * width_mm) height=(MAP_SCALE * height_mm)
                 viewBox={ (left_mm) " " (-y_mm[1]) " " (width_mm) " " (height_mm) } {
                 g transform={ "scale(" (mirror) " -1)" } {
-                    @let cells = plateaus.cells.iter().zip(cell_gains(calibration)).enumerate();
-                    @for (i, (cell, CellGain { gain, fails })) in cells {
+                    @for (i, cell) in plateaus.cells.iter().enumerate() {
+                        @let gain = f64::from(calibration.cells[i].gain);
                         @let path = square(cell.x_mm.into(), cell.y_mm.into(), cell.area_mm2.into());
-                        @if fails {
-                            path.empty d=(path) { title { "cell " (i) ": fails" } }
+                        @if let Some(failure) = calibration.failures[i] {
+                            path.empty d=(path) { title { "cell " (i) ": " (failure) } }
                         } @else {
                             path.fill.(class(gain)) d=(path) { title { "cell " (i) ": gain " (format!("{gain:.3}")) } }
                         }
@@ -305,7 +318,7 @@ fn gains(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
     let classes =
         CLASSES.map(|(_, colour, name)| (html! { rect.fill.(colour) x="6" y="3" width="12" height="12" {} }, name));
     let failing = (html! { rect.empty x="6" y="3" width="12" height="12" {} }, "fails");
-    let ends = [sorted.first(), sorted.last()].map(|end| end.copied().unwrap_or(1.0));
+    let ends = [calibration.gains.first(), calibration.gains.last()].map(|end| end.copied().unwrap_or(1.0));
     html! {
         p { "Gains from " (format!("{:.3} to {:.3}", ends[0], ends[1])) ", median " (format!("{median:.3}")) "." }
         (legend(&legend_entries(classes.into_iter().chain([failing]))))
@@ -317,17 +330,4 @@ fn gains(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
             }
         }
     }
-}
-
-/// The gain of a cell, and whether it fails.
-struct CellGain {
-    gain: f64,
-    fails: bool,
-}
-
-fn cell_gains(calibration: &Calibration) -> impl Iterator<Item = CellGain> + '_ {
-    calibration.cells.iter().enumerate().map(|(cell, calibrated)| CellGain {
-        gain: calibrated.gain.into(),
-        fails: calibration.failing.iter().any(|(failing, _)| *failing == cell),
-    })
 }

@@ -1,7 +1,7 @@
 //! One insole in a guided session.
 
 use super::screen::Progress;
-use crate::carrier::{AnyClient, InsoleLink};
+use crate::carrier::{AnyClient, InsoleLink, link_problem};
 use crate::cells::{CellRecorder, start_slowly};
 use crate::params;
 use anyhow::{Context, Result, bail, ensure};
@@ -137,10 +137,7 @@ impl Foot {
                 }
                 Event::Timeout => continue,
                 Event::Lost(error) if error.is_link_failure() => {
-                    let cause = match error {
-                        Error::Refused(refusal) => refusal.to_string(),
-                        _ => "connection lost: come closer, or check the cable".into(),
-                    };
+                    let cause = link_problem(&error);
                     // Reading the screen or handling the cable while walking is a risk of falling.
                     self.update(|progress| {
                         let first = if progress.is_walking() { "stop walking; " } else { "" };
