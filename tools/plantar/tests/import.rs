@@ -1,5 +1,6 @@
 //! `plantar import`: the names of its files, and what it states about the exports.
 
+use recording::Recording;
 use std::path::Path;
 use std::process::Command;
 use tempfile::TempDir;
@@ -142,4 +143,31 @@ fn the_number_of_merged_cells_is_stated_once() {
     assert!(is_ok && layout.ends_with(" cells"), "{out}{text}");
     let mut parts = layout.rsplit(", ");
     assert_ne!(parts.next(), parts.next(), "{out}");
+}
+
+/// The Parquet library panics on some damaged files.
+#[test]
+fn a_damaged_recording_leads_to_nothing_but_the_error() {
+    let folder = folder();
+    let (is_ok, _, text) = plantar(&folder, "import synthetic --steps 1 --cells 8 --out walk.parquet");
+    assert!(is_ok, "{text}");
+    let path = folder.path().join("walk.parquet");
+    let bytes = std::fs::read(&path).expect("a recording");
+    let is_panic = |damaged: &[u8]| {
+        let read = Recording::parse(damaged.to_vec(), &path);
+        read.is_err_and(|error| error.to_string().contains("the file is damaged"))
+    };
+    let flipped = (0..bytes.len()).map(|at| {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 1 << (at % 8);
+        damaged
+    });
+    let damaged: Vec<_> = flipped.filter(|damaged| is_panic(damaged)).collect();
+    assert!(!damaged.is_empty(), "the library panics on none of the damaged files");
+    for damaged in damaged.iter().take(10) {
+        std::fs::write(&path, damaged).expect("written");
+        let (is_ok, _, text) = plantar(&folder, "info walk.parquet");
+        assert!(!is_ok && text.lines().count() == 1, "{text}");
+        assert!(text.starts_with("error: walk.parquet: the file is damaged; copy it again"), "{text}");
+    }
 }

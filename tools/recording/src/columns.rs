@@ -160,15 +160,23 @@ impl ColumnFile {
     /// Calls `read` with a row group.
     fn read<T>(&self, group: usize, read: impl FnOnce(&dyn RowGroupReader) -> Result<T>) -> Result<T> {
         let file = self.path.display().to_string();
-        caught(&file, COPY_AGAIN, || {
+        let group = caught(&file, COPY_AGAIN, || {
             let group = self.reader.get_row_group(group).map_err(|error| damaged(&file, &error))?;
             check::value_count(rows(group.metadata()) as u64, self.cells, &file)?;
-            read(&*group)
-        })
+            Ok(group)
+        })?;
+        read(&*group)
     }
 
     /// Column `index` of a row group. `first_row`, the number of rows in the groups before it, is for messages only.
     fn column<T: DataType>(&self, group: &dyn RowGroupReader, index: usize, first_row: usize) -> Result<Vec<T::T>> {
+        // The panic hook depends on the thread, so a panic is caught in the thread that decodes the column.
+        let file = self.path.display().to_string();
+        caught(&file, COPY_AGAIN, || self.decode::<T>(group, index, first_row))
+    }
+
+    /// As [`ColumnFile::column`], but panics on some damaged files.
+    fn decode<T: DataType>(&self, group: &dyn RowGroupReader, index: usize, first_row: usize) -> Result<Vec<T::T>> {
         let place = || format!("{}: column {}", self.path.display(), column_name(index));
         let rows = rows(group.metadata());
         let pages = group.get_column_page_reader(index).map_err(|error| damaged(&place(), &error))?;

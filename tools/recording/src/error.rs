@@ -1,5 +1,8 @@
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::cell::Cell;
+use std::panic::{self, AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::Once;
+use std::thread;
 
 /// The result of reading, writing or converting a recording.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -51,8 +54,37 @@ fn to_check(kind: std::io::ErrorKind) -> &'static str {
     }
 }
 
-/// Calls `read`. The libraries for Parquet and HDF5 panic on some damaged files; such a panic becomes an error with this remedy.
+thread_local! {
+    /// True while this thread is in [`caught`].
+    static IN_CAUGHT: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Calls `read`. The libraries for Parquet and HDF5 panic on some damaged files; such a panic becomes an error with this remedy,
+/// and is not reported in any other way. `read` must not wait for tasks of a thread pool, because this thread may then execute
+/// other tasks, and panics in these must be reported.
 pub(crate) fn caught<T>(file: &str, remedy: &str, read: impl FnOnce() -> Result<T>) -> Result<T> {
+    silence_caught_panics();
+    let outer = IN_CAUGHT.replace(true);
     // After a panic, no value that `read` may have left inconsistent is used.
-    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| Err(Error::content(file, "the file is damaged", remedy)))
+    let result = catch_unwind(AssertUnwindSafe(read));
+    IN_CAUGHT.set(outer);
+    result.unwrap_or_else(|_| Err(Error::content(file, "the file is damaged", remedy)))
+}
+
+/// Extends the panic hook of the program, so that it is not called for panics in [`caught`]. The default hook would print them
+/// before the error.
+fn silence_caught_panics() {
+    static EXTENDED: Once = Once::new();
+    // While this thread panics, as in a destructor, the hook cannot be replaced.
+    if thread::panicking() {
+        return;
+    }
+    EXTENDED.call_once(|| {
+        let hook = panic::take_hook();
+        panic::set_hook(Box::new(move |panic| {
+            if !IN_CAUGHT.get() {
+                hook(panic);
+            }
+        }));
+    });
 }
