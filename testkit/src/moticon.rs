@@ -125,7 +125,7 @@ pub fn compare(python: &Path, archive: &Path) -> Agreement {
 /// The feet of a walk, from the importer.
 fn feet_of(walk: Walk) -> impl Iterator<Item = Foot> {
     let export =
-        Format::Moticon.parse(walk.export.as_bytes(), Path::new("walk.txt"), None).expect("the export is read");
+        Format::Moticon.parse(walk.export.as_bytes(), Path::new("walk.txt"), None, &[]).expect("the export is read");
     assert!(export.feet.iter().map(|foot| foot.side).eq([Side::Left, Side::Right]), "the export has both feet");
     export.feet.into_iter().zip(walk.steps).map(|(recording, steps)| Foot {
         force_n: (0..recording.frames()).map(|i| recording.force_n(i)).collect(),

@@ -118,7 +118,7 @@ impl Study {
             side,
             rate_hz: live.rate_hz(),
             #[cfg(feature = "recordings")]
-            layout: Layout { name: String::new(), cells: Vec::new() },
+            layout: Layout { name: String::new(), cells: Vec::new(), sheet: None },
         });
         Ok(())
     }

@@ -545,7 +545,7 @@ mod tests {
     fn sensors_differ_in_the_name_or_in_the_size_of_the_cells() {
         let layout = |name: &str, cells: usize, area_mm2: f64| {
             let cell = |i: usize| Cell { x_mm: i as f64, y_mm: 0.0, area_mm2, region: Region::Heel };
-            Layout { name: name.into(), cells: (0..cells).map(cell).collect() }
+            Layout { name: name.into(), cells: (0..cells).map(cell).collect(), sheet: None }
         };
         let left = layout("Tekscan FSCAN, 60 x 21 cells", 471, 25.8);
         for (other, is_same) in [

@@ -177,9 +177,10 @@ impl Import {
 
     pub fn run(&self) -> Result<()> {
         let import = |format: Format, vendor: &Vendor| {
-            vendor
-                .out
-                .write_feet(format.import(&vendor.file, vendor.side.map(Side::from))?, slice::from_ref(&vendor.file))
+            vendor.out.write_feet(
+                format.import(&vendor.file, vendor.side.map(Side::from), &[])?,
+                slice::from_ref(&vendor.file),
+            )
         };
         let bar = progress(0, "bytes");
         let mut report = |done, total| {
@@ -199,7 +200,7 @@ impl Import {
                 }
                 let mut all = Export { feet: Vec::new(), remarks: Vec::new() };
                 for file in files {
-                    let Export { feet, remarks } = export::import(file, side.map(Side::from))?;
+                    let Export { feet, remarks } = export::import(file, side.map(Side::from), &[])?;
                     all.feet.extend(feet);
                     all.remarks.extend(remarks.into_iter().map(|remark| match files.len() {
                         1 => remark,

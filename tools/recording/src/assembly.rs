@@ -3,20 +3,18 @@
 
 use crate::check::{self, At};
 use crate::footprint::capitalised;
-use crate::{Cell, Layout, Recording, Result, gaps, rate};
+use crate::{Layout, Recording, Result, gaps, rate};
 use plantar::Side;
 use std::path::Path;
 
 /// The contents of a recording that are not yet checked. Frames may be missing.
 pub struct UncheckedRecording {
     pub side: Side,
-    pub cells: Vec<Cell>,
+    pub layout: Layout,
     /// Time of each frame, increasing, s.
     pub t_s: Vec<f64>,
     /// All cells of the first frame, then those of the second one, and so on.
     pub pressure_kpa: Vec<f32>,
-    /// Name of the layout.
-    pub name: String,
     /// Provenance, in sentences.
     pub source: String,
 }
@@ -29,10 +27,10 @@ impl UncheckedRecording {
     /// Fails if the frames or the cells violate a rule of recordings, or the frames do not fit into memory when gaps are filled.
     /// Messages name `path`, and the time of the frame.
     pub fn recording(self, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
-        let Self { side, cells, mut t_s, mut pressure_kpa, name, source } = self;
+        let Self { side, layout, mut t_s, mut pressure_kpa, source } = self;
         let file = path.display().to_string();
-        check::value_count(gaps::frames_after_fill(&t_s) as u64, cells.len(), &file)?;
-        if let Some(note) = gaps::fill(&mut t_s, &mut pressure_kpa, cells.len()) {
+        check::value_count(gaps::frames_after_fill(&t_s) as u64, layout.cells.len(), &file)?;
+        if let Some(note) = gaps::fill(&mut t_s, &mut pressure_kpa, layout.cells.len()) {
             remarks.push(format!("{} foot: {note}", capitalised(side)));
         }
         t_s.iter_mut().for_each(|t_s| *t_s = rate::rounded_s(*t_s));
@@ -43,7 +41,6 @@ impl UncheckedRecording {
             At::Value { frame, cell } => format!("{file}, at {} s, cell {cell}", t_s[frame]),
         };
         let rate_hz = rate::of(&t_s, &place)?;
-        let layout = Layout { name, cells };
         check::geometry(&layout, &file)?;
         check::pressures(&pressure_kpa, layout.cells.len(), &place)?;
         Ok(Recording { side, layout, rate_hz, source, t_s, pressure_kpa })
@@ -53,6 +50,7 @@ impl UncheckedRecording {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Cell;
     use plantar::Region;
 
     /// The message with which the recording of a row of cells is refused.
@@ -60,10 +58,9 @@ mod tests {
         let cell = |i: u16| Cell { x_mm: 10.0 * f64::from(i), y_mm: 10.0, area_mm2: 50.0, region: Region::Heel };
         let unchecked = UncheckedRecording {
             side: Side::Left,
-            cells: (0..cells).map(cell).collect(),
+            layout: Layout { name: String::new(), cells: (0..cells).map(cell).collect(), sheet: None },
             t_s,
             pressure_kpa,
-            name: String::new(),
             source: String::new(),
         };
         unchecked.recording(Path::new("walk.txt"), &mut Vec::new()).err().map(|error| error.to_string())

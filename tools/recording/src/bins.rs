@@ -104,7 +104,11 @@ fn merged(recording: &Recording, groups: &[Vec<usize>], processing: &str) -> Rec
     }
     Recording {
         side: recording.side,
-        layout: Layout { name: format!("{}, {} cells", recording.layout.name, groups.len()), cells: merged_cells },
+        layout: Layout {
+            name: format!("{}, {} cells", recording.layout.name, groups.len()),
+            cells: merged_cells,
+            sheet: None,
+        },
         rate_hz: recording.rate_hz,
         source: format!("{} {processing}", recording.source),
         t_s: recording.t_s.clone(),

@@ -148,7 +148,7 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
     if columns.region.is_none() {
         template::assign(&mut cells);
     }
-    Ok(Layout { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), cells })
+    Ok(Layout { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), cells, sheet: None })
 }
 
 /// The index of each column in the file of the layout.

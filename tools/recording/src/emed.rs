@@ -78,6 +78,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         side,
         named,
         grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::AlongMovement },
+        earlier: &[],
         frames: frames.with_swing(side.or(named), path, &mut remarks)?,
         name: "emed plate".to_owned(),
         source: format!(

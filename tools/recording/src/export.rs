@@ -1,5 +1,6 @@
 //! The exports of vendors' programs: their formats, and how a file's format is recognised from its content.
 
+use crate::earlier::{EarlierRecording, refuse_fixed, refuse_plate};
 use crate::footprint::capitalised;
 use crate::table::tabs;
 use crate::text::{decode, shortened, strip_name};
@@ -155,26 +156,30 @@ impl Format {
     }
 
     /// Imports a file of this format. `side` selects a foot of an export that names its feet, or states the foot of an
-    /// export of one foot.
+    /// export of one foot. If there are `earlier` recordings, each foot has the layout of that of the same foot, instead of one
+    /// that is fitted to the file.
     ///
     /// # Errors
-    /// Fails if the file cannot be read or violates its format. The message names file, line and remedy.
-    pub fn import(self, path: impl AsRef<Path>, side: Option<Side>) -> Result<Export> {
+    /// Fails if the file cannot be read or violates its format, or if there are earlier recordings, but none of the same foot on
+    /// the same sensor, or the format has no layout that is fitted to an insole. The message names file, line and remedy.
+    pub fn import(self, path: impl AsRef<Path>, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
         let path = path.as_ref();
-        self.parse(&fs::read(path).map_err(Error::io(path))?, path, side)
+        self.parse(&fs::read(path).map_err(Error::io(path))?, path, side, earlier)
     }
 
     /// As [`Format::import`], from the content of a file. Messages name `path`.
     ///
     /// # Errors
-    /// Fails if the content violates the format.
-    pub fn parse(self, bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+    /// Fails in the same cases as [`Format::import`], except that no file is read.
+    pub fn parse(self, bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
         let export = match self {
-            Self::Xsensor => xsensor::parse(bytes, path, side),
-            Self::Tekscan => tekscan::parse(bytes, path, side),
+            Self::Xsensor => xsensor::parse(bytes, path, side, earlier),
+            Self::Tekscan => tekscan::parse(bytes, path, side, earlier),
+            Self::Moticon => moticon::parse(bytes, path, side, earlier),
+            Self::Emed | Self::Footscan | Self::Pliance if !earlier.is_empty() => Err(refuse_plate(path)),
+            Self::Loadsol | Self::Gaitpdb if !earlier.is_empty() => Err(refuse_fixed(path)),
             Self::Emed => emed::parse(bytes, path, side),
             Self::Footscan => footscan::parse(bytes, path, side),
-            Self::Moticon => moticon::parse(bytes, path, side),
             Self::Loadsol => loadsol::parse(bytes, path, side),
             Self::Gaitpdb => gaitpdb::parse(bytes, path, side),
             Self::Pliance => pliance::parse(bytes, path, side),
@@ -187,8 +192,8 @@ impl Format {
 ///
 /// # Errors
 /// Fails in the same cases as [`Format::recognise`] and [`Format::import`].
-pub fn import(path: impl AsRef<Path>, side: Option<Side>) -> Result<Export> {
+pub fn import(path: impl AsRef<Path>, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
     let path = path.as_ref();
     let bytes = fs::read(path).map_err(Error::io(path))?;
-    Format::recognise(&bytes, path)?.parse(&bytes, path, side)
+    Format::recognise(&bytes, path)?.parse(&bytes, path, side, earlier)
 }

@@ -142,10 +142,10 @@ impl Metadata<'static> {
     pub fn head(self) -> Recording {
         // A file may come from anywhere. Control characters would have an effect on the terminal on which a text is printed.
         let printable = |text: String| text.replace(char::is_control, " ");
-        let Layout { name, cells } = self.layout.into_owned();
+        let Layout { name, cells, sheet } = self.layout.into_owned();
         Recording {
             side: self.side,
-            layout: Layout { name: printable(name), cells },
+            layout: Layout { name: printable(name), cells, sheet },
             rate_hz: self.rate_hz,
             source: printable(self.source.into_owned()),
             t_s: Vec::new(),

@@ -168,6 +168,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             side,
             named,
             grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::AlongMovement },
+            earlier: &[],
             frames: frames.with_swing(side.or(named), path, &mut export.remarks)?,
             name: "footscan plate".to_owned(),
             source: format!(

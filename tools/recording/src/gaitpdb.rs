@@ -10,7 +10,7 @@ use crate::assembly::UncheckedRecording;
 use crate::table::{at_line, check_later, file_name};
 use crate::text::{decode, number, parse_number};
 use crate::totals::Totals;
-use crate::{Cell, Error, Export, Result, template};
+use crate::{Cell, Error, Export, Layout, Result, template};
 use plantar::{Region, Side};
 use std::path::Path;
 
@@ -98,10 +98,9 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         export.remarks.extend(totals.remark(foot));
         let unchecked = UncheckedRecording {
             side: foot,
-            cells: cells(),
+            layout: Layout { name: "insole of gaitpdb".to_owned(), cells: cells(), sheet: None },
             t_s: t_s.clone(),
             pressure_kpa: forces_n.iter().map(|force_n| (force_n / AREA_MM2 * 1e3) as f32).collect(),
-            name: "insole of gaitpdb".to_owned(),
             source: format!(
                 "Walk {} of PhysioNet's database gaitpdb, {} foot, regions by template.",
                 file_name(path),

@@ -1,12 +1,13 @@
 //! Matrix sensors: equal cells in rows and columns, in an insole or a pressure plate.
 
 use crate::assembly::UncheckedRecording;
+use crate::earlier::{EarlierRecording, refuse_plate};
 use crate::footprint::{Footprint, capitalised};
 use crate::gaps::{GAP_INTERVALS, median_interval_s};
 use crate::negatives::Negatives;
 use crate::rate::MIN_HZ;
 use crate::text::seconds;
-use crate::{Cell, Error, MAX_CELLS, Recording, Result, check, template};
+use crate::{Cell, Error, Layout, MAX_CELLS, Recording, Result, Sheet, check, template};
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::{Region, Side};
 use std::collections::{BTreeMap, BTreeSet};
@@ -138,6 +139,32 @@ impl Frames {
         [frames.len(), cells.len()]
     }
 
+    /// The pressures of the cells at the rows and columns in `indices`, kPa: all of the first frame, then those of the second
+    /// one, and so on. The loads of other sensors are left out. Messages name `file`.
+    fn pressures(&self, indices: &BTreeMap<(usize, usize), usize>, file: &str) -> Result<Vec<f32>> {
+        check::value_count(self.t_s.len() as u64, indices.len(), file)?;
+        let mut pressure_kpa = vec![0.0; self.t_s.len() * indices.len()];
+        for load in &self.loads {
+            if let Some(index) = indices.get(&load.cell) {
+                pressure_kpa[load.frame * indices.len() + index] = load.kpa;
+            }
+        }
+        Ok(pressure_kpa)
+    }
+
+    /// The load on sensors at other rows and columns than those in `indices`.
+    fn outside(&self, indices: &BTreeMap<(usize, usize), usize>) -> Outside {
+        let outside = || self.loads.iter().filter(|load| !indices.contains_key(&load.cell));
+        let mut sums_kpa = vec![0.0f32; self.t_s.len()];
+        outside().for_each(|load| sums_kpa[load.frame] += load.kpa);
+        let sum = |loads: &mut dyn Iterator<Item = &Load>| loads.map(|load| f64::from(load.kpa)).sum::<f64>();
+        Outside {
+            sensors: outside().map(|load| load.cell).collect::<BTreeSet<_>>().len(),
+            share: sum(&mut outside()) / sum(&mut self.loads.iter()),
+            most_kpa: sums_kpa.into_iter().fold(0.0, f32::max),
+        }
+    }
+
     /// The time of the first frame, s, if it carries load.
     pub fn loaded_start_s(&self) -> Option<f64> {
         self.t_s.first().copied().filter(|_| self.loads.iter().any(|load| load.frame == 0))
@@ -173,13 +200,16 @@ impl Frames {
 }
 
 /// A foot on a matrix sensor.
-pub struct Foot {
+pub struct Foot<'a> {
     /// The foot, if the user or the content of the export states it.
     pub side: Option<Side>,
     /// The foot that the name of the file states. It is used if `side` is `None`. If both are `None`, the shape of the footprint
     /// decides; if the shape does not show which foot it is, the right foot is assumed.
     pub named: Option<Side>,
     pub grid: Grid,
+    /// Earlier recordings, of which that of the same foot states the layout. If there are none, the layout is fitted to the
+    /// loaded cells.
+    pub earlier: &'a [EarlierRecording],
     pub frames: Frames,
     /// Name of the layout.
     pub name: String,
@@ -187,17 +217,17 @@ pub struct Foot {
     pub source: String,
 }
 
-impl Foot {
-    /// The recording of this foot. Its cells are those that carry load in at least one frame. If there are more than
-    /// [`MAX_CELLS`], neighbouring cells are merged. Sentences about decisions of the import are added to `remarks`.
+impl Foot<'_> {
+    /// The recording of this foot. Its cells are those that carry load in at least one frame, or those of an earlier recording.
+    /// If there are more than [`MAX_CELLS`], neighbouring cells are merged. Sentences about decisions of the import are added to
+    /// `remarks`.
     ///
     /// # Errors
-    /// Fails if no cell is ever loaded, or the frames violate a rule of recordings. Messages name `path`.
+    /// Fails if no cell is ever loaded, the frames violate a rule of recordings, or the layout of the earlier recording does not
+    /// apply. Messages name `path` or the earlier recording.
     pub fn recording(self, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
-        let Self { side: stated, named, grid, mut frames, name, source } = self;
-        let side = stated.or(named);
         let file = path.display().to_string();
-        let mut indices: BTreeMap<_, usize> = frames.loads.iter().map(|load| (load.cell, 0)).collect();
+        let mut indices: BTreeMap<_, usize> = self.frames.loads.iter().map(|load| (load.cell, 0)).collect();
         if indices.is_empty() {
             return Err(Error::content(
                 file,
@@ -210,12 +240,18 @@ impl Foot {
             let remedy = format!("export at most {MAX_LINES} rows and columns");
             return Err(Error::content(file, problem, remedy));
         }
-        indices.values_mut().enumerate().for_each(|(i, index)| *index = i);
-        check::value_count(frames.t_s.len() as u64, indices.len(), &file)?;
-        let mut pressure_kpa = vec![0.0; frames.t_s.len() * indices.len()];
-        for load in &frames.loads {
-            pressure_kpa[load.frame * indices.len() + indices[&load.cell]] = load.kpa;
+        let side = self.side.or(self.named);
+        let earlier = match side.filter(|_| self.grid.toes == Toes::Top) {
+            _ if self.earlier.is_empty() => None,
+            Some(side) => EarlierRecording::of(self.earlier, side, path)?,
+            None => return Err(refuse_plate(path)),
+        };
+        if let Some(earlier) = earlier {
+            return self.recording_like(earlier, path, remarks);
         }
+        let Self { side: stated, named, grid, mut frames, name, source, .. } = self;
+        indices.values_mut().enumerate().for_each(|(i, index)| *index = i);
+        let pressure_kpa = frames.pressures(&indices, &file)?;
         drop(std::mem::take(&mut frames.loads));
         // In the plane of the picture, x to the right and y to the top.
         let area_mm2 = grid.row_mm * grid.column_mm;
@@ -239,21 +275,16 @@ impl Foot {
         }
         let footprint = Footprint { cells: &cells, under_foot: &under_foot, pressure_kpa: &pressure_kpa };
         let by_shape = footprint.side();
-        match (stated, named, by_shape) {
-            (Some(stated), Some(named), _) if stated != named => remarks.push(format!(
-                "The export is named as one of the {} foot, but it was imported as the {} foot.",
+        note_other_name(stated, named, remarks);
+        if let (None, Some(named), Some(by_shape), Toes::AlongMovement) = (stated, named, by_shape, grid.toes)
+            && by_shape != named
+        {
+            remarks.push(format!(
+                "By the name of the file, it is the {} foot, and it was imported as such, but the footprint has the shape of \
+                 the {} foot. If the name is wrong, use --side.",
                 named.name(),
-                stated.name()
-            )),
-            (None, Some(named), Some(by_shape)) if by_shape != named && grid.toes == Toes::AlongMovement => {
-                remarks.push(format!(
-                    "By the name of the file, it is the {} foot, and it was imported as such, but the footprint has the shape of \
-                     the {} foot. If the name is wrong, use --side.",
-                    named.name(),
-                    by_shape.name()
-                ));
-            }
-            _ => {}
+                by_shape.name()
+            ));
         }
         let side = side.unwrap_or_else(|| {
             let side = by_shape.unwrap_or(Side::Right);
@@ -275,7 +306,9 @@ impl Foot {
         note_partial_foot(&cells, &under_foot, half_mm, side, remarks);
         template::assign_within(&mut cells, &under_foot);
         note_cells_beyond_foot(&cells, &under_foot, &pressure_kpa, side, remarks);
-        let unchecked = UncheckedRecording { side, cells, t_s: frames.t_s, pressure_kpa, name, source };
+        let sheet = sheet(&grid, side, &indices, &cells);
+        let layout = Layout { name, cells, sheet };
+        let unchecked = UncheckedRecording { side, layout, t_s: frames.t_s, pressure_kpa, source };
         let recording = unchecked.recording(path, remarks)?;
         if recording.cells() <= MAX_CELLS {
             return Ok(recording);
@@ -286,6 +319,85 @@ impl Foot {
         remarks.push(format!("{} foot:{sentence}", capitalised(side)));
         Ok(merged)
     }
+
+    /// As [`Foot::recording`], in the layout of `earlier`, a recording of this foot.
+    fn recording_like(self, earlier: &EarlierRecording, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
+        let Self { side: stated, named, grid, mut frames, name, source, .. } = self;
+        let (side, file) = (earlier.side(), path.display().to_string());
+        earlier.check_sensor(&name)?;
+        let indices = earlier.sensors(&grid)?;
+        let outside = frames.outside(&indices);
+        if outside.share > MOST_OUTSIDE {
+            return Err(Error::content(
+                file,
+                format!(
+                    "{:.1} % of the load on the {} foot is on {} sensors that {} does not contain, because they carry no load \
+                     there",
+                    100.0 * outside.share,
+                    side.name(),
+                    outside.sensors,
+                    earlier.path().display()
+                ),
+                "name a recording in which the whole foot is loaded, such as a walk; if this is one, the foot or the insole has \
+                 moved: leave out --like",
+            ));
+        }
+        let pressure_kpa = frames.pressures(&indices, &file)?;
+        drop(std::mem::take(&mut frames.loads));
+        note_other_name(stated, named, remarks);
+        remarks.extend(frames.negatives.remark(side));
+        let from = format!("{} foot: the cells and regions are those of {}.", capitalised(side), earlier.name());
+        remarks.push(match outside.sensors {
+            0 => from,
+            sensors => format!(
+                "{from} Sensors that it does not contain carry load, which was left out: {sensors}, {:.2} % of the load of all \
+                 frames, and at most {:.1} N in a frame.",
+                100.0 * outside.share,
+                f64::from(outside.most_kpa) * grid.row_mm * grid.column_mm * 1e-3
+            ),
+        });
+        let layout = earlier.layout().clone();
+        UncheckedRecording { side, layout, t_s: frames.t_s, pressure_kpa, source }.recording(path, remarks)
+    }
+}
+
+/// Largest share of the load, summed over all frames, on sensors that an earlier layout does not contain. Between trials of the
+/// same foot, only sensors at its edge differ, which carry little.
+const MOST_OUTSIDE: f64 = 0.03;
+
+/// The load on sensors that a layout does not contain.
+struct Outside {
+    /// Number of these sensors.
+    sensors: usize,
+    /// Their share of the load of all sensors, summed over all frames.
+    share: f64,
+    /// The largest sum of their pressures in a frame, kPa.
+    most_kpa: f32,
+}
+
+/// Adds to `remarks` if the name of the export states another foot than the user.
+fn note_other_name(stated: Option<Side>, named: Option<Side>, remarks: &mut Vec<String>) {
+    if let Some((stated, named)) = stated.zip(named).filter(|(stated, named)| stated != named) {
+        remarks.push(format!(
+            "The export is named as one of the {} foot, but it was imported as the {} foot.",
+            named.name(),
+            stated.name()
+        ));
+    }
+}
+
+/// The place of an insole's matrix sensor, of which `indices` has the row and column of each of the `cells`. `None` for a plate,
+/// on which the foot has another place in each contact.
+fn sheet(grid: &Grid, side: Side, indices: &BTreeMap<(usize, usize), usize>, cells: &[Cell]) -> Option<Sheet> {
+    let (&(row, column), &index) = indices.first_key_value().filter(|_| grid.toes == Toes::Top)?;
+    let column_mm = if side == Side::Left { -grid.column_mm } else { grid.column_mm };
+    let row_mm = -grid.row_mm;
+    Some(Sheet {
+        x_mm: cells[index].x_mm - column as f64 * column_mm,
+        y_mm: cells[index].y_mm - row as f64 * row_mm,
+        row_mm,
+        column_mm,
+    })
 }
 
 /// For each cell, whether it belongs to a square of two by two loaded cells. A single row or column of cells may respond to

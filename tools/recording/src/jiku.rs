@@ -143,7 +143,7 @@ fn read(
     }
     let recording = Recording {
         side: Side::Right,
-        layout: Layout { name: format!("pressure plate, walker {walker}"), cells: grid.cells() },
+        layout: Layout { name: format!("pressure plate, walker {walker}"), cells: grid.cells(), sheet: None },
         rate_hz: RATE_HZ,
         source,
         t_s: (0..frames).map(|frame| frame as f64 / RATE_HZ).collect(),

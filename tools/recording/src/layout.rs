@@ -1,5 +1,6 @@
 //! The cells of a sensor sheet or pressure plate.
 
+use crate::grid::MAX_LINES;
 use crate::names;
 use plantar::Region;
 use serde::{Deserialize, Serialize};
@@ -36,6 +37,38 @@ pub struct Layout {
     pub name: String,
     /// The cells, at most [`MAX_CELLS`].
     pub cells: Vec<Cell>,
+    /// The place of the matrix sensor of which these are some cells, if it is an insole in rows and columns, and none of its
+    /// cells were merged.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sheet: Option<Sheet>,
+}
+
+/// The place of the matrix sensor of an insole under the foot, in foot coordinates. The row and the column of each cell follow
+/// from it. Seen from above, rows are numbered from the toes, and columns from the left, both from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sheet {
+    /// Centroid of the sensor in row 0 and column 0, mm from the medial edge.
+    pub x_mm: f64,
+    /// Centroid of the sensor in row 0 and column 0, mm from the back of the heel.
+    pub y_mm: f64,
+    /// Step along y from a row to the next one, mm. It is negative, because the toes are in the first row.
+    pub row_mm: f64,
+    /// Step along x from a column to the next one, mm. It is negative in the left foot.
+    pub column_mm: f64,
+}
+
+impl Sheet {
+    /// The row and the column of a cell; `None` if the cell is in none.
+    pub(crate) fn sensor(&self, cell: &Cell) -> Option<(usize, usize)> {
+        /// Largest deviation of a cell from its place, as a fraction of the step. Only rounding causes one.
+        const DEVIATION: f64 = 1e-3;
+        let index = |distance_mm: f64, step_mm: f64| {
+            let index = (distance_mm / step_mm).round();
+            let is_exact = (distance_mm / step_mm - index).abs() < DEVIATION;
+            (is_exact && (0.0..MAX_LINES as f64).contains(&index)).then_some(index as usize)
+        };
+        Some((index(cell.y_mm - self.y_mm, self.row_mm)?, index(cell.x_mm - self.x_mm, self.column_mm)?))
+    }
 }
 
 /// The beginning of the name of an insole's layout, in front of its identifier.
@@ -46,12 +79,12 @@ const COMPUTED: &str = "synthetic insole";
 impl Layout {
     /// The layout of an insole of this project.
     pub(crate) fn of_insole(layout_id: u32, cells: Vec<Cell>) -> Self {
-        Self { name: format!("{INSOLE}{layout_id:08x}"), cells }
+        Self { name: format!("{INSOLE}{layout_id:08x}"), cells, sheet: None }
     }
 
     /// The layout of computed recordings.
     pub(crate) fn computed(cells: Vec<Cell>) -> Self {
-        Self { name: format!("{COMPUTED}, EU 42, {} cells", cells.len()), cells }
+        Self { name: format!("{COMPUTED}, EU 42, {} cells", cells.len()), cells, sheet: None }
     }
 
     /// True if the pressures were computed from the codes of a sensor by this project's law: those of an insole, or computed

@@ -3,7 +3,8 @@
 //! A [`Recording`] is the pressure under one foot over time. It is stored in a Parquet file ([`Recording::read`],
 //! [`Recording::write`]), which [`RecordingReader`] reads in blocks of frames. One of the importers creates it ([`export`] for
 //! the exports of other systems, [`csv`], [`pedar`], [`jiku`]), [`StreamedCells`] collects it from the stream of an insole, or it
-//! is computed from known true values ([`synthetic`]). If the source names no regions, [`template`] assigns them.
+//! is computed from known true values ([`synthetic`]). If the source names no regions, [`template`] assigns them. An import can
+//! use the layout of an [`EarlierRecording`] instead.
 //! [`VirtualInsole`] converts the pressures of a recording to the codes of a sensor; [`Scans`] are these codes. The zero of an
 //! insole, [`Zero`], is computed from a [`StandingTrial`]. [`Plateaus`] are its readings under known pressures.
 
@@ -29,6 +30,7 @@ mod bins;
 mod check;
 mod clock;
 mod columns;
+mod earlier;
 mod error;
 mod file;
 mod gaps;
@@ -58,10 +60,11 @@ mod xls;
 mod zero;
 
 pub use check::MAX_KPA;
+pub use earlier::EarlierRecording;
 pub use error::{Error, Result};
 pub use export::{Export, Format};
 pub use insole::VirtualInsole;
-pub use layout::{Cell, Layout, MAX_CELLS};
+pub use layout::{Cell, Layout, MAX_CELLS, Sheet};
 pub use names::area_title;
 pub use parts::{files, is_parquet};
 pub use plateaus::{MAX_PLATEAU_KPA, MAX_PLATEAUS, MIN_PLATEAU_KPA, Plateau, PlateauCell, Plateaus, is_plateau_kpa};

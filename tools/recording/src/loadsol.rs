@@ -15,7 +15,7 @@ use crate::separators::Separators;
 use crate::table::{another_measurement, at_line, check_later, file_name};
 use crate::text::{decode, number, parse_number, shortened};
 use crate::totals::Totals;
-use crate::{Cell, Error, Export, Result, units};
+use crate::{Cell, Error, Export, Layout, Result, units};
 use plantar::{Region, Side};
 use std::path::Path;
 
@@ -161,10 +161,13 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         };
         let unchecked = UncheckedRecording {
             side: foot,
-            cells: insole.zones.iter().map(cell).collect(),
+            layout: Layout {
+                name: "loadsol insole".to_owned(),
+                cells: insole.zones.iter().map(cell).collect(),
+                sheet: None,
+            },
             t_s,
             pressure_kpa,
-            name: "loadsol insole".to_owned(),
             source: format!("loadsol measurement {}, {} insole.", file_name(path), foot.name()),
         };
         export.feet.push(unchecked.recording(path, &mut export.remarks)?);

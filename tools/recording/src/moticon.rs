@@ -9,15 +9,18 @@
 //! (Apache-2.0, Moticon).
 
 use crate::assembly::UncheckedRecording;
+use crate::earlier::EarlierRecording;
 use crate::export::measured_at;
 use crate::footprint::capitalised;
 use crate::least_squares;
 use crate::table::{another_measurement, at_line, check_later, file_name};
 use crate::text::{decode, number, shortened, strip_name};
-use crate::{Cell, Error, Export, Result, template, units};
+use crate::{Cell, Error, Export, Layout, Result, template, units};
 use plantar::{Region, Side};
 use std::path::Path;
 
+/// Name of the layout.
+const NAME: &str = "Moticon OpenGo insole";
 /// Number of cells of an insole.
 const CELLS: usize = 16;
 /// The unit of the pressures, N/cm², in kPa.
@@ -69,11 +72,13 @@ struct Columns {
     total: usize,
 }
 
-/// Imports the feet of an export. `side` restricts the import to one foot.
+/// Imports the feet of an export. `side` restricts the import to one foot. If there are `earlier` recordings, that of the same
+/// foot states the layout.
 ///
 /// # Errors
-/// Fails if a line violates the format. The message names file, line and remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+/// Fails if a line violates the format, or the layout of an earlier recording does not apply. The message names file, line and
+/// remedy.
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
     let Some((header_line, header)) = lines.by_ref().find(|(_, line)| line.starts_with("# time")) else {
@@ -121,7 +126,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
     for foot in [Side::Left, Side::Right].into_iter().filter(|foot| side.is_none_or(|side| side == *foot)) {
         let columns = columns(&names, foot, &at_line(path, header_line))?;
         if let Some(columns) = columns {
-            read_foot(foot, &columns, &rows, path, &circumstances, &mut export)?;
+            read_foot(foot, &columns, &rows, path, &circumstances, earlier, &mut export)?;
         }
     }
     if export.feet.is_empty() {
@@ -171,6 +176,7 @@ fn read_foot(
     rows: &[(u64, Vec<&str>)],
     path: &Path,
     circumstances: &str,
+    earlier: &[EarlierRecording],
     export: &mut Export,
 ) -> Result<()> {
     let (mut t_s, mut pressure_kpa, mut totals_n): (Vec<f64>, Vec<f32>, Vec<f64>) = Default::default();
@@ -191,26 +197,37 @@ fn read_foot(
     if t_s.is_empty() {
         return Ok(());
     }
-    let areas_mm2 = areas_mm2(&pressure_kpa, &totals_n);
-    let cells = cells(&areas_mm2);
-    let squares = pressure_kpa.chunks_exact(CELLS).zip(&totals_n).map(|(frame, total_n)| {
-        let force_n: f64 = frame.iter().zip(&areas_mm2).map(|(&kpa, mm2)| f64::from(kpa) * mm2 * 1e-3).sum();
-        (force_n - total_n).powi(2)
-    });
+    let earlier = EarlierRecording::of(earlier, side, path)?;
+    let layout = match earlier {
+        Some(earlier) => {
+            earlier.check_sensor(NAME)?;
+            earlier.check_cells(CELLS)?;
+            earlier.layout().clone()
+        }
+        None => Layout { name: NAME.to_owned(), cells: cells(&areas_mm2(&pressure_kpa, &totals_n)), sheet: None },
+    };
+    let forces_n: Vec<f64> = pressure_kpa.chunks_exact(CELLS).map(|frame| layout.force_n(frame)).collect();
+    if let Some(earlier) = earlier {
+        check_size(&forces_n, &totals_n, earlier, path)?;
+    }
+    let squares = forces_n.iter().zip(&totals_n).map(|(force_n, total_n)| (force_n - total_n).powi(2));
     let rms_n = (squares.sum::<f64>() / totals_n.len() as f64).sqrt();
+    let origin = match earlier {
+        Some(earlier) => format!("the cells, areas and regions are those of {}", earlier.name()),
+        None => "areas of the cells by least squares".to_owned(),
+    };
     export.remarks.push(format!(
-        "{} foot: areas of the cells by least squares, {:.0} mm2 in total; \
+        "{} foot: {origin}, {:.0} mm2 in total; \
          the force differs from the vendor's by {rms_n:.2} N (root mean square of {} frames).",
         capitalised(side),
-        areas_mm2.iter().sum::<f64>(),
+        layout.cells.iter().map(|cell| cell.area_mm2).sum::<f64>(),
         totals_n.len()
     ));
     let unchecked = UncheckedRecording {
         side,
-        cells,
+        layout,
         t_s,
         pressure_kpa,
-        name: "Moticon OpenGo insole".to_owned(),
         source: format!(
             "Moticon OpenGo measurement {}, {} insole, regions by template.{circumstances}",
             file_name(path),
@@ -219,6 +236,29 @@ fn read_foot(
     };
     export.feet.push(unchecked.recording(path, &mut export.remarks)?);
     Ok(())
+}
+
+/// Checks that the forces on the cells of an earlier recording agree with the total forces of the export, N.
+fn check_size(forces_n: &[f64], totals_n: &[f64], earlier: &EarlierRecording, path: &Path) -> Result<()> {
+    /// Largest difference between the sums over all frames, as a fraction. With the areas from another walk in the same insole,
+    /// it is less than 0.001. From one size to the next, the areas differ by some 0.09.
+    const MOST_DIFFERENCE: f64 = 0.03;
+    let sum = |forces_n: &[f64]| forces_n.iter().sum::<f64>();
+    let (force_sum_n, total_sum_n) = (sum(forces_n), sum(totals_n));
+    if (force_sum_n - total_sum_n).abs() <= MOST_DIFFERENCE * total_sum_n.abs() {
+        return Ok(());
+    }
+    Err(Error::content(
+        path.display().to_string(),
+        format!(
+            "with the areas of the cells in {}, the force on the {} foot is {:.1} % of the vendor's: the insole is of another \
+             size",
+            earlier.path().display(),
+            earlier.side().name(),
+            100.0 * force_sum_n / total_sum_n
+        ),
+        "name a recording of the same foot on the same insole, or leave out --like",
+    ))
 }
 
 /// The areas with which the pressures, kPa, best reproduce the total forces, N.

@@ -125,7 +125,7 @@ fn read(
     check::pressures(&frames.pressure_kpa, cells.len(), &place)?;
     let sensor_type = header.sensor_type.as_ref();
     let name = sensor_type.map_or_else(String::new, |known| format!(" {}, sensor type {}", known.insole(), known.name));
-    let layout = Layout { name: format!("pedar insole{name}, {} sensors", cells.len()), cells };
+    let layout = Layout { name: format!("pedar insole{name}, {} sensors", cells.len()), cells, sheet: None };
     check::geometry(&layout, &geometry_path.display().to_string())?;
     let not_compared = match sensor_type {
         Some(_) if states_insole => None,

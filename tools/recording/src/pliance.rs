@@ -102,6 +102,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         side,
         named,
         grid: Grid { row_mm: places.row_mm, column_mm: places.column_mm, toes: Toes::AlongMovement },
+        earlier: &[],
         frames,
         name: format!("pliance mat, {sensors} sensors"),
         source: format!(

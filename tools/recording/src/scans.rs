@@ -11,7 +11,7 @@ pub enum FrameSource<'a> {
     /// A recording in memory.
     Memory(&'a Recording),
     /// A stored recording.
-    File(RecordingReader),
+    File(Box<RecordingReader>),
 }
 
 impl FrameSource<'_> {
@@ -51,7 +51,7 @@ impl<'a> From<&'a Recording> for FrameSource<'a> {
 
 impl From<RecordingReader> for FrameSource<'_> {
     fn from(reader: RecordingReader) -> Self {
-        Self::File(reader)
+        Self::File(Box::new(reader))
     }
 }
 

@@ -5,6 +5,7 @@
 //! stands for a cell outside of the sensor. Lines that begin with `@@`, such as the last one, have no values. Insoles are
 //! exported with the toes in the first row, as seen from above. Mirrored exports are refused.
 
+use crate::earlier::EarlierRecording;
 use crate::export::measured_at;
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes, check_period};
 use crate::separators::Separators;
@@ -66,11 +67,13 @@ struct Header<'a> {
 
 /// Imports one foot, that of `side`. Without `side`, the ends of the file's names in the header and in `path` state the foot: L,
 /// R, left or right. If they state different feet, this is an error. If neither name states it, the foot is determined from the
-/// shape of the footprint on a plate; for an insole, this is an error.
+/// shape of the footprint on a plate; for an insole, this is an error. If there are `earlier` recordings, that of the same foot
+/// states the layout.
 ///
 /// # Errors
-/// Fails if a line violates the format. The message names file, line and remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+/// Fails if a line violates the format, or the layout of an earlier recording does not apply. The message names file, line and
+/// remedy.
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
     let header = header(&mut lines, path)?;
@@ -148,6 +151,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         side,
         named,
         grid: Grid { row_mm, column_mm, toes: if is_insole { Toes::Top } else { Toes::AlongMovement } },
+        earlier,
         frames,
         name: format!(
             "Tekscan {}, {rows} x {columns} cells",

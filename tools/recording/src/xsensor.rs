@@ -9,6 +9,7 @@
 
 mod insole;
 
+use crate::earlier::EarlierRecording;
 use crate::separators::Separators;
 use crate::table::{at_line, unreadable};
 use crate::text::{decode, first_number, number, parse_number, shortened};
@@ -26,11 +27,13 @@ pub fn recognise(text: &str) -> bool {
     has("frame") && has("sensor") && (has("sensels") || has("units"))
 }
 
-/// Imports all feet of an export. `side` restricts the import to one foot.
+/// Imports all feet of an export. `side` restricts the import to one foot. If there are `earlier` recordings, that of the same
+/// foot states the layout.
 ///
 /// # Errors
-/// Fails if a line violates the format. The message names file, line and remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+/// Fails if a line violates the format, or the layout of an earlier recording does not apply. The message names file, line and
+/// remedy.
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut reader = Reader {
         path,
@@ -56,7 +59,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
     }
     reader.check_no_open_table("the end of the file")?;
     reader.separators.check(path)?;
-    reader.export(side)
+    reader.export(side, earlier)
 }
 
 /// A label in lower case, without quotation marks and colon.
@@ -331,7 +334,7 @@ impl Reader<'_> {
     }
 
     /// The recordings of the feet.
-    fn export(self, side: Option<Side>) -> Result<Export> {
+    fn export(self, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
         let file = self.path.display().to_string();
         if self.frames.is_empty() {
             return Err(Error::content(file, "no line begins with FRAME", "export all frames as CSV"));
@@ -358,7 +361,7 @@ impl Reader<'_> {
         for (foot, insole) in [Side::Left, Side::Right].into_iter().zip(self.insoles) {
             let Some(insole) = insole.filter(|insole| !insole.indices.is_empty()) else { continue };
             if side.is_none_or(|side| side == foot) {
-                insole.foot(foot, &t_s, self.path, &mut export)?;
+                insole.foot(foot, &t_s, earlier, self.path, &mut export)?;
             }
         }
         if export.feet.is_empty() {

@@ -203,9 +203,9 @@ impl FootZero {
                 name,
                 format!("the {found} offsets are of other cells than the {cells} cells of this recording"),
                 "import the standing trial and this recording with the same layout and without --cells, which leaves out cells \
-                 that are never loaded; for Moticon and for matrix sensors, such as F-Scan and XSENSOR, the import fits the \
-                 geometry to each recording, so that the zero of a standing trial never applies to a walk: let the vendor's \
-                 program subtract the zero before the export",
+                 that are never loaded; for Moticon and for insoles with a matrix sensor, such as F-Scan and XSENSOR, the import \
+                 fits the layout to each recording: import the standing trial with --like and the name of this recording, and \
+                 measure the zero again",
             ));
         }
         for (cell, &kpa) in insole.cells.iter().zip(&self.offset_kpa) {

@@ -19,7 +19,7 @@ fn two_cells(t_s: Vec<f64>, rate_hz: f64, pressure_kpa: Vec<f32>) -> Recording {
     let cell = |x_mm, area_mm2| Cell { x_mm, y_mm: 10.0, area_mm2, region: Region::Heel };
     Recording {
         side: Side::Left,
-        layout: Layout { name: "two cells".into(), cells: vec![cell(5.0, 100.0), cell(20.0, 300.0)] },
+        layout: Layout { name: "two cells".into(), cells: vec![cell(5.0, 100.0), cell(20.0, 300.0)], sheet: None },
         rate_hz,
         source: "Test.".into(),
         t_s,

@@ -81,7 +81,7 @@ fn moticon_walks_agree_with_the_vendors_total_force_within_half_a_newton() {
         let member = format!("moticon_opengo-1.0.3/tests/testdata/{name}");
         let output = Command::new("tar").arg("-xzOf").arg(&archive).arg(&member).output().expect("tar can be started");
         assert!(output.status.success(), "{member} is in the archive");
-        let export = Format::Moticon.parse(&output.stdout, Path::new(name), None).expect("the export is read");
+        let export = Format::Moticon.parse(&output.stdout, Path::new(name), None, &[]).expect("the export is read");
         assert_eq!(export.feet.iter().map(|foot| foot.side).collect::<Vec<_>>(), [Side::Left, Side::Right]);
         let text = String::from_utf8(output.stdout).expect("UTF-8");
         for foot in &export.feet {
@@ -119,7 +119,7 @@ mod unpublished {
     use recording::{Export, export, footprint};
 
     fn import(name: &str) -> Export {
-        export::import(recordings().join(name), None).expect("the export is read")
+        export::import(recordings().join(name), None, &[]).expect("the export is read")
     }
 
     #[test]

@@ -17,7 +17,7 @@ fn contacts(length_mm: f64, moves: &[f64]) -> Recording {
     }
     Recording {
         side: Side::Left,
-        layout: Layout { name: "row".into(), cells: (0..10).map(cell).collect() },
+        layout: Layout { name: "row".into(), cells: (0..10).map(cell).collect(), sheet: None },
         rate_hz: 100.0,
         source: String::new(),
         t_s: (0..pressure_kpa.len() / 10).map(|frame| frame as f64 * 0.01).collect(),

@@ -134,7 +134,7 @@ impl Pressed {
         let positions = POSITIONS * POSITIONS;
         let recording = Recording {
             side: Side::Right,
-            layout: Layout { name: String::new(), cells: (0..side * side).map(cell).collect() },
+            layout: Layout { name: String::new(), cells: (0..side * side).map(cell).collect(), sheet: None },
             rate_hz: 100.0,
             source: String::new(),
             t_s: (0..positions).map(|i| i as f64 * 0.01).collect(),

@@ -1,5 +1,6 @@
 //! One insole of an export: its description, its frames, and its recording.
 
+use crate::earlier::EarlierRecording;
 use crate::footprint::capitalised;
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes};
 use crate::table::file_name;
@@ -39,7 +40,14 @@ pub struct Insole {
 
 impl Insole {
     /// Adds the recording of this insole and the remarks about it.
-    pub fn foot(mut self, side: Side, t_s: &[f64], path: &Path, export: &mut Export) -> Result<()> {
+    pub fn foot(
+        mut self,
+        side: Side,
+        t_s: &[f64],
+        earlier: &[EarlierRecording],
+        path: &Path,
+        export: &mut Export,
+    ) -> Result<()> {
         let (width_mm, height_mm) = (self.cell_width_mm.unwrap_or(1.0), self.cell_height_mm.unwrap_or(1.0));
         self.frames.t_s = self.indices.iter().map(|&i| t_s[i]).collect();
         export.remarks.extend(self.totals.remark(side));
@@ -55,6 +63,7 @@ impl Insole {
             side: Some(side),
             named: None,
             grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::Top },
+            earlier,
             frames: self.frames,
             name: format!("XSENSOR insole, {} x {} cells", self.rows.unwrap_or(0), self.columns.unwrap_or(0)),
             source: format!("XSENSOR measurement {}, {} insole, regions by template.", file_name(path), side.name()),

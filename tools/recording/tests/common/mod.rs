@@ -50,7 +50,7 @@ pub fn force_n(side: Side, frame: usize, area_mm2: f64) -> f64 {
 
 /// Parses a text as a file of this name.
 pub fn parse(format: Format, name: &str, text: &[u8], side: Option<Side>) -> recording::Result<Export> {
-    format.parse(text, Path::new(name), side)
+    format.parse(text, Path::new(name), side, &[])
 }
 
 /// Checks that an import fails with a message that begins with `place`, the file and perhaps the line, and contains `words`.
