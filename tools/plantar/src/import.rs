@@ -1,13 +1,13 @@
 //! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
 use crate::gait::note_different_origins;
-use crate::paths::check_written;
+use crate::paths::{check_written, of_foot};
 use crate::replay::progress;
 use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand, ValueEnum};
 use plantar::Side;
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{Export, Format, Recording, csv, export, footprint, jiku, output, pedar};
+use recording::{EarlierRecording, Export, Format, Recording, csv, export, footprint, jiku, output, pedar};
 use std::path::{Path, PathBuf};
 use std::slice;
 
@@ -27,6 +27,8 @@ pub enum Import {
         /// The foot, if the export does not state it; or the only foot to import. Only with a single file.
         #[arg(long, value_enum)]
         side: Option<Foot>,
+        #[command(flatten)]
+        like: Like,
         #[command(flatten)]
         out: Out,
     },
@@ -65,6 +67,8 @@ pub enum Import {
         #[arg(long, value_enum)]
         side: Foot,
         #[command(flatten)]
+        fixed: FixedLayout,
+        #[command(flatten)]
         out: Out,
     },
     /// Import an .asc file that the in-shoe system pedar exported, with the geometry of its insole.
@@ -82,6 +86,8 @@ pub enum Import {
         /// Import only this foot. Required for an export of one foot, which does not state the foot.
         #[arg(long, value_enum)]
         side: Option<Foot>,
+        #[command(flatten)]
+        fixed: FixedLayout,
         #[command(flatten)]
         out: Out,
     },
@@ -125,7 +131,67 @@ pub struct Vendor {
     #[arg(long, value_enum)]
     side: Option<Foot>,
     #[command(flatten)]
+    like: Like,
+    #[command(flatten)]
     out: Out,
+}
+
+/// The option to import in the layout of an earlier recording.
+#[derive(Args)]
+pub struct Like {
+    /// Use the cells, areas and regions of this earlier recording of the same foot on the same insole, instead of fitting them to
+    /// the export. Repeated trials are then comparable, and the zero of a standing trial applies to all of them. NAME.parquet
+    /// also stands for the pair NAME.left.parquet and NAME.right.parquet. Only for Moticon, XSENSOR and Tekscan insoles, and
+    /// without --cells: import a recording in which the whole foot is loaded first, such as a walk.
+    #[arg(long, value_name = "RECORDING")]
+    like: Option<PathBuf>,
+}
+
+impl Like {
+    /// Opens the earlier recordings: one, or those of both feet. `out` has the other options of the import.
+    fn open(&self, out: &Out) -> Result<Vec<EarlierRecording>> {
+        let Some(like) = &self.like else { return Ok(Vec::new()) };
+        if let Some(cells) = out.cells {
+            bail!(
+                "--like with --cells {cells}: the merged cells would differ from one recording to another; leave out one of the \
+                 two"
+            );
+        }
+        let pair = [Side::Left, Side::Right].map(|side| of_foot(like, side));
+        let mut found: Vec<_> = pair.iter().filter(|path| path.exists()).collect();
+        // If there is neither a file with this name nor a pair, the error names this file.
+        if like.exists() || found.is_empty() {
+            found = vec![like];
+        }
+        Ok(found.into_iter().map(|path| EarlierRecording::open(path)).collect::<recording::Result<_>>()?)
+    }
+}
+
+/// The paths of the files that an import reads: the exports and the earlier recordings.
+fn read_files(exports: &[PathBuf], earlier: &[EarlierRecording]) -> Vec<PathBuf> {
+    exports.iter().cloned().chain(earlier.iter().map(|earlier| earlier.path().to_owned())).collect()
+}
+
+/// Stands for the option `--like` in imports with a layout that is not fitted to the recording, so that they can refuse it.
+#[derive(Args)]
+pub struct FixedLayout {
+    #[arg(long, value_name = "RECORDING", hide = true)]
+    like: Option<PathBuf>,
+}
+
+impl FixedLayout {
+    /// Fails if the option is given. `file` states the layout.
+    fn check(&self, file: &Path) -> Result<()> {
+        if let Some(like) = &self.like {
+            bail!(
+                "--like {}: the layout is not fitted to the recording, but stated by {}, and the same for all recordings that \
+                 are imported with this file; leave out --like",
+                like.display(),
+                file.display()
+            );
+        }
+        Ok(())
+    }
 }
 
 #[derive(Args)]
@@ -177,10 +243,9 @@ impl Import {
 
     pub fn run(&self) -> Result<()> {
         let import = |format: Format, vendor: &Vendor| {
-            vendor.out.write_feet(
-                format.import(&vendor.file, vendor.side.map(Side::from), &[])?,
-                slice::from_ref(&vendor.file),
-            )
+            let earlier = vendor.like.open(&vendor.out)?;
+            let export = format.import(&vendor.file, vendor.side.map(Side::from), &earlier)?;
+            vendor.out.write_feet(export, &read_files(slice::from_ref(&vendor.file), &earlier))
         };
         let bar = progress(0, "bytes");
         let mut report = |done, total| {
@@ -189,7 +254,7 @@ impl Import {
         };
         self.out().check_name()?;
         match self {
-            Self::Auto { files, side, out } => {
+            Self::Auto { files, side, like, out } => {
                 if let (Some(side), [_, _, ..]) = (side, &files[..]) {
                     bail!(
                         "--side {} with {} files: leave it out if the exports state their feet; otherwise import each file \
@@ -198,16 +263,17 @@ impl Import {
                         files.len()
                     );
                 }
+                let earlier = like.open(out)?;
                 let mut all = Export { feet: Vec::new(), remarks: Vec::new() };
                 for file in files {
-                    let Export { feet, remarks } = export::import(file, side.map(Side::from), &[])?;
+                    let Export { feet, remarks } = export::import(file, side.map(Side::from), &earlier)?;
                     all.feet.extend(feet);
                     all.remarks.extend(remarks.into_iter().map(|remark| match files.len() {
                         1 => remark,
                         _ => format!("{}: {remark}", file.display()),
                     }));
                 }
-                out.write_feet(all, files)
+                out.write_feet(all, &read_files(files, &earlier))
             }
             Self::Xsensor(vendor) => import(Format::Xsensor, vendor),
             Self::Tekscan(vendor) => import(Format::Tekscan, vendor),
@@ -217,13 +283,15 @@ impl Import {
             Self::Loadsol(vendor) => import(Format::Loadsol, vendor),
             Self::Gaitpdb(vendor) => import(Format::Gaitpdb, vendor),
             Self::Pliance(vendor) => import(Format::Pliance, vendor),
-            Self::Csv { layout, frames, side, out } => {
+            Self::Csv { layout, frames, side, fixed, out } => {
+                fixed.check(layout)?;
                 check_written(&[layout.clone(), frames.clone()], &[Some(&out.out)])?;
                 let recording = csv::import(layout, frames, (*side).into(), out.rate_hz()?, &mut report)?;
                 bar.finish_and_clear();
                 out.write_resampled(recording, &out.out)
             }
-            Self::Pedar { file, geometry, side, out } => {
+            Self::Pedar { file, geometry, side, fixed, out } => {
+                fixed.check(geometry)?;
                 if side.is_none() && pedar::feet(file)? == 1 {
                     bail!("{}: the export contains one foot; state it with --side", file.display());
                 }
@@ -296,16 +364,7 @@ impl Out {
 
     /// The output file of the only foot if `side` is `None`, or of this foot of a pair.
     fn path(&self, side: Option<Side>) -> PathBuf {
-        let Some(side) = side else { return self.out.clone() };
-        // A name such as `trial-1.1` has no ending to replace.
-        let stem = if self.out.extension().is_some_and(|ending| ending == "parquet") {
-            self.out.with_extension("")
-        } else {
-            self.out.clone()
-        };
-        let mut path = stem.into_os_string();
-        path.push(format!(".{}.parquet", side.name()));
-        path.into()
+        side.map_or_else(|| self.out.clone(), |side| of_foot(&self.out, side))
     }
 
     /// The rate of the recording to write, Hz, if the option is given.

@@ -22,8 +22,9 @@ const GOOD_PERCENT: f64 = 10.0;
 /// 5 s. The command finds the exact times of these phases in the recording, and excludes half a second at each end of a phase.
 /// Make sure that the feet are off the floor while the person sits: the command cannot detect this in a recording.
 ///
-/// The import of Moticon and of matrix sensors, such as F-Scan and XSENSOR, fits the geometry to each recording, so that the zero
-/// of a standing trial never applies to a walk: let the vendor's program subtract it before the export.
+/// The zero applies to recordings with the same layout. The import of Moticon, and of insoles with a matrix sensor, such as
+/// F-Scan and XSENSOR, fits the layout to each recording: import a walk first, then the standing trial with --like and the name
+/// of the walk, and likewise all other walks.
 ///
 /// The option --zero of `plantar fit`, `plantar replay`, `plantar export`, `plantar repeat`, `plantar emulate` and
 /// `plantar serve` accepts the file.

@@ -145,6 +145,77 @@ fn the_number_of_merged_cells_is_stated_once() {
     assert_ne!(parts.next(), parts.next(), "{out}");
 }
 
+/// In the later measurements, the last column of the sensor carries no load, so that their own layouts are narrower.
+#[test]
+fn exports_are_imported_in_the_layouts_of_an_earlier_pair() {
+    let folder = folder();
+    let read = |name: &str| Recording::read(folder.path().join(name)).expect("a recording");
+    write_export(&folder, "tekscan", "walkL", "walkL", "firstL.asf");
+    write_export(&folder, "tekscan", "walkL", "walkR", "firstR.asf");
+    let (is_ok, _, text) = plantar(&folder, "import auto firstL.asf firstR.asf --out first.parquet");
+    assert!(is_ok, "{text}");
+    for foot in ["L", "R"] {
+        let text = std::fs::read_to_string(folder.path().join(format!("first{foot}.asf"))).expect("an export");
+        let (head, frames) = text.split_once("ASCII_DATA").expect("frames");
+        // Without the last values of each row.
+        let clipped = |line: &str| match line.rsplit_once(',') {
+            Some((rest, _)) if line.starts_with(|c: char| c.is_ascii_digit() || c == 'B') => format!("{rest},0\n"),
+            _ => format!("{line}\n"),
+        };
+        let frames: String = frames.lines().map(clipped).collect();
+        std::fs::write(folder.path().join(format!("later{foot}.asf")), format!("{head}ASCII_DATA{frames}"))
+            .expect("written");
+    }
+    let import = |arguments: &str| {
+        let (is_ok, out, text) = plantar(&folder, &format!("import {arguments}"));
+        assert!(is_ok, "{arguments}: {text}");
+        out
+    };
+    import("auto laterL.asf laterR.asf --out alone.parquet");
+    for like in ["first.parquet", "first"] {
+        let out = import(&format!("auto laterL.asf laterR.asf --like {like} --out later.parquet"));
+        for foot in ["left", "right"] {
+            let [first, alone, later] = ["first", "alone", "later"].map(|name| read(&format!("{name}.{foot}.parquet")));
+            assert_ne!(alone.layout, first.layout);
+            assert_eq!(later.layout, first.layout);
+            assert!((0..later.frames()).all(|i| (later.force_n(i) - alone.force_n(i)).abs() < 1e-3));
+            assert!(out.contains(&format!("the cells and regions are those of first.{foot}.parquet")), "{out}");
+        }
+    }
+    // One foot, and the recording of one foot.
+    for like in ["first.parquet", "first.right.parquet"] {
+        import(&format!("tekscan laterR.asf --like {like} --out one.parquet"));
+        assert_eq!(read("one.parquet").layout, read("first.right.parquet").layout);
+    }
+}
+
+#[test]
+fn a_layout_that_does_not_apply_is_refused() {
+    let folder = folder();
+    write_export(&folder, "tekscan", "walkL", "walkL", "walkL.asf");
+    let (is_ok, _, text) = plantar(&folder, "import auto walkL.asf --out walk.parquet");
+    assert!(is_ok, "{text}");
+    for (arguments, words) in [
+        ("tekscan walkL.asf --like absent.parquet --out a.parquet", &["absent.parquet", "check the path"][..]),
+        ("tekscan walkL.asf --like walk.parquet --cells 64 --out a.parquet", &["--like", "--cells 64", "leave out"]),
+        ("tekscan walkL.asf --like walk.parquet --out walk.parquet", &["walk.parquet", "input of this command"]),
+        (
+            "tekscan walkL.asf --side right --like walk.parquet --out a.parquet",
+            &["right foot", "walk.parquet", "left foot"],
+        ),
+        ("loadsol walkL.asf --like walk.parquet --out a.parquet", &["walkL.asf", "not fitted", "leave out --like"]),
+        ("pedar a.asc --geometry g.csv --like walk.parquet --out a.parquet", &["--like", "g.csv", "leave out --like"]),
+        (
+            "csv --layout l.csv --frames f.csv --side left --like walk.parquet --out a.parquet",
+            &["--like", "l.csv", "leave out --like"],
+        ),
+    ] {
+        let (is_ok, _, text) = plantar(&folder, &format!("import {arguments}"));
+        assert!(!is_ok && words.iter().all(|word| text.contains(word)), "{arguments}: {text}");
+        assert!(!folder.path().join("a.parquet").exists());
+    }
+}
+
 /// The Parquet library panics on some damaged files.
 #[test]
 fn a_damaged_recording_leads_to_nothing_but_the_error() {

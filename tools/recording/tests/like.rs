@@ -3,10 +3,13 @@
 mod common;
 
 use common::{COLUMNS, ROWS, STANCE, SWING, assert_message, pressure_kpa};
-use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
-use recording::{EarlierRecording, Export, FootZero, Format, Layout, Recording, Result, StandingTrial, VirtualInsole};
+use plantar::{Region, Side};
+use recording::{
+    Cell, EarlierRecording, Export, FootZero, Format, Layout, Recording, Result, StandingTrial, VirtualInsole,
+};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Side of a cell, mm.
@@ -75,7 +78,7 @@ fn sensors(layout: &Layout, side: Side) -> Vec<(usize, usize)> {
         if side == Side::Right { (0..COLUMNS).find(is_loaded_column) } else { (0..COLUMNS).rfind(is_loaded_column) };
     let front_mm = layout.cells.iter().map(|cell| cell.y_mm).fold(0.0, f64::max);
     let medial_mm = layout.cells.iter().map(|cell| cell.x_mm).fold(f64::INFINITY, f64::min);
-    let sensor = |cell: &recording::Cell| {
+    let sensor = |cell: &Cell| {
         let row = first_row + ((front_mm - cell.y_mm) / PITCH_MM).round() as usize;
         let lateral = ((cell.x_mm - medial_mm) / PITCH_MM).round() as usize;
         let medial = medial.expect("a column");
@@ -402,7 +405,15 @@ fn the_areas_of_one_moticon_walk_reproduce_the_forces_of_the_next() {
 #[test]
 #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS"]
 fn the_halves_of_an_f_scan_walk_have_one_layout() {
-    for name in ["fscan/FrasP01L.asf", "fscan/FrasP01R.asf"] {
+    // For each cell, its row and column.
+    let regions = |layout: &Layout| -> BTreeMap<(i64, i64), Region> {
+        let sheet = layout.sheet.expect("an insole in rows and columns");
+        let index = |distance_mm: f64, step_mm: f64| (distance_mm / step_mm).round() as i64;
+        let sensor =
+            |cell: &Cell| (index(cell.y_mm - sheet.y_mm, sheet.row_mm), index(cell.x_mm - sheet.x_mm, sheet.column_mm));
+        layout.cells.iter().map(|cell| (sensor(cell), cell.region)).collect()
+    };
+    for (name, expected) in [("fscan/FrasP01L.asf", [462, 0]), ("fscan/FrasP01R.asf", [540, 35])] {
         let bytes = std::fs::read(common::recordings().join(name)).expect("an export");
         let text: String = bytes.iter().map(|&byte| char::from(byte)).collect();
         let starts: Vec<usize> =
@@ -414,6 +425,10 @@ fn the_halves_of_an_f_scan_walk_have_one_layout() {
         let first = parse(&one, &[]).feet.remove(0);
         let alone = parse(&other, &[]).feet.remove(0);
         assert_ne!(alone.layout, first.layout, "{name}");
+        // The sensors that carry load in both halves, and those of them that are in another region if each is imported alone.
+        let (first_regions, alone_regions) = (regions(&first.layout), regions(&alone.layout));
+        let common = || first_regions.iter().filter_map(|(sensor, region)| Some((region, alone_regions.get(sensor)?)));
+        assert_eq!([common().count(), common().filter(|(one, other)| one != other).count()], expected, "{name}");
         let Export { feet, remarks } = parse(&other, &earlier(&first));
         assert_eq!(feet[0].layout, first.layout, "{name}");
         let sum_n = |foot: &Recording| (0..foot.frames()).map(|i| foot.force_n(i)).sum::<f64>();
