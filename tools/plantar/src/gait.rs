@@ -427,8 +427,8 @@ fn print(gait: &Gait, length: Option<Length>) {
     let mut of_feet = MEASURES.iter().zip(&gait.symmetry_percent);
     if of_feet.any(|(measure, index)| measure.key == "peak_force_n" && index.is_some()) {
         println!(
-            "The symmetry of forces contains the difference of the force scales of the two insoles, which standing on both feet \
-             does not calibrate, and which the interval does not include."
+            "The symmetry of forces contains the difference of the force scales of the two insoles, unless both were calibrated by \
+             known pressures (plantar calibrate). Standing on both feet does not calibrate it, and the interval does not include it."
         );
     }
     let estimates = [&left.measures, &right.measures, &gait.symmetry_percent];

@@ -74,7 +74,7 @@ fn summary(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
             @if let Some(change) = calibration.zero_change {
                 dt { "Zero" }
                 dd {
-                    "Without load, the mean code changed by " (format!("{:+.0}", change.codes))
+                    "Without load, the mean code changed by " (format!("{:+.0}", change.codes).replace('-', "−"))
                     " from the first to the last plateau, " (signed_percent(change.share))
                     " % of the codes at the lowest pressure."
                 }
@@ -109,7 +109,7 @@ fn law(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
             Verdict::Undetermined => "The plateaus scatter too much to determine whether the law of the firmware fits.",
             Verdict::DoesNotFit => {
                 strong { "The law of the firmware does not fit." }
-                " Check the zero of the gauge (an error of " (format!("{:+.1}", law.gauge_offset_kpa)) " kPa would have a \
+                " Check the zero of the gauge (an error of " (format!("{:+.1}", law.gauge_offset_kpa).replace('-', "−")) " kPa would have a \
                 similar effect); otherwise build the firmware with the law of the plateaus."
             }
         }
@@ -173,17 +173,25 @@ fn table(calibration: &Calibration) -> Markup {
     let pair = |errors: Errors| html! { td { (signed_percent(errors.mean)) } td { (percent(errors.most)) } };
     html! {
         table {
-            caption { "Errors in % of the pressure, in the order of measurement" }
+            caption {
+                "In % of the pressure, in the order of measurement. Change: from the first to the last third of the measurement. \
+                 95 %: 95 % of the cells are within ± this error."
+            }
             thead {
                 tr {
-                    th scope="col" { "kPa" }
-                    th scope="col" { "Frames" }
-                    th scope="col" { "Saturated cells" }
-                    th scope="col" { "Change in the measurement" }
-                    th scope="col" { "Mean error" }
-                    th scope="col" { "95 % of cells within ±" }
-                    th scope="col" { "Left out: mean" }
-                    th scope="col" { "95 % of cells within ±" }
+                    th scope="col" rowspan="2" { "kPa" }
+                    th scope="col" rowspan="2" { "Frames" }
+                    th scope="col" rowspan="2" { "Saturated" }
+                    th scope="col" rowspan="2" { "Change" }
+                    th scope="colgroup" colspan="2" { "All plateaus" }
+                    th scope="colgroup" colspan="2" { "This pressure left out" }
+                }
+                tr {
+                    @for _ in 0..2 {
+                        // The first title of a row is left-aligned otherwise.
+                        th scope="col" style="text-align:right" { "Mean error" }
+                        th scope="col" { "95 %" }
+                    }
                 }
             }
             tbody {
