@@ -36,9 +36,9 @@ const DEFAULTS: Settings = {
   stride_cm: null,
 };
 
-/** The smallest and the largest value that the wearer can state. */
+/** The smallest and the largest value that the wearer can state; those of the mass are also the ones of the command line. */
 export const LIMITS = {
-  body_mass_kg: { min: 1, max: 700 },
+  body_mass_kg: { min: 10, max: 300 },
   stride_cm: { min: 10, max: 400 },
 } as const;
 

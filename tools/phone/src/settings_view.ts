@@ -16,16 +16,17 @@ import type { Wire } from "./wire";
 const NOT_EXPORTED = "The browser could not save this file. Choose \"Export recording\" instead.";
 
 /**
- * The number that the wearer has entered for a setting. `factor` converts it to the unit of the setting: `KG_PER_LB` for pounds.
+ * The number that the wearer has entered for a setting, with a decimal point or comma: Chromium drops the comma in a field of
+ * type "number", so that 65,5 becomes 655. `factor` converts the number to the unit of the setting: `KG_PER_LB` for pounds.
  * Returns `null` if the field is empty, and `undefined` if its content is no number or out of range, which the note below the
  * field then states.
  */
 function enteredNumber(field: HTMLInputElement, key: keyof typeof LIMITS, factor: number, unit: string): number | null | undefined {
-  const value = field.valueAsNumber * factor;
+  const text = field.value.trim();
+  const value = Number(text.replace(",", ".")) * factor;
   const is_valid = isWithinLimits(key, value);
   const { min, max } = LIMITS[key];
-  // The value of a field whose text is no number is empty.
-  const is_empty = field.value === "" && !field.validity.badInput;
+  const is_empty = text === "";
   const limits = `Enter ${Math.ceil(min / factor)} to ${Math.floor(max / factor)} ${unit}. Other values are not used.`;
   fill(`${field.id}-note`, is_valid || is_empty ? [] : [limits]);
   field.setAttribute("aria-invalid", String(!is_valid && !is_empty));

@@ -12,6 +12,7 @@ export class FakeElement {
   value = "";
   readonly attributes: Record<string, string> = {};
   readonly dataset: Record<string, string> = {};
+  constructor(readonly id = "") {}
   onclick = (_event?: unknown): void => undefined;
   onchange = (): void => undefined;
   oninput = (): void => undefined;
@@ -26,7 +27,7 @@ const elements = new Map<string, FakeElement>();
 
 /** The element with this id. It is created by the first call. */
 export function element(id: string): FakeElement {
-  const known = elements.get(id) ?? new FakeElement();
+  const known = elements.get(id) ?? new FakeElement(id);
   elements.set(id, known);
   return known;
 }

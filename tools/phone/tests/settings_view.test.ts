@@ -1,3 +1,4 @@
+import { readFileSync } from "node:fs";
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { NOT_DELETED } from "../src/identify_controller";
 import { Insoles } from "../src/insoles";
@@ -84,7 +85,7 @@ test("a typing error does not delete the body mass, and a change in another tab 
   const show = listenToSettings(settings, () => undefined);
   const mass = element("mass");
   const type = (value: string) => {
-    Object.assign(mass, { value, valueAsNumber: value === "" ? NaN : Number(value), validity: { badInput: false } });
+    mass.value = value;
     // The first digit of a value is no value.
     mass.oninput();
     mass.onchange();
@@ -94,6 +95,27 @@ test("a typing error does not delete the body mass, and a change in another tab 
   Object.assign(settings, { body_mass_kg: 65, force_unit: "%BW" });
   show();
   expect([mass.value, element("force-unit").value]).toEqual(["65.0", "%BW"]);
+});
+
+test("a number is accepted with a decimal comma or point, and an implausible body mass is refused", () => {
+  const storage = { getItem: () => null, setItem: () => undefined } as unknown as Storage;
+  vi.stubGlobal("localStorage", storage);
+  const settings = loadSettings(() => storage);
+  listenToSettings(settings, () => undefined);
+  const type = (id: string, value: string) => {
+    element(id).value = value;
+    element(id).onchange();
+    return [settings.body_mass_kg, settings.stride_cm, element(id).attributes["aria-invalid"]];
+  };
+  expect(type("mass", "65,5")).toEqual([65.5, null, "false"]);
+  expect(type("mass", " 70.25 ")).toEqual([70.25, null, "false"]);
+  expect(type("stride", "142,5")).toEqual([70.25, 142.5, "false"]);
+  for (const value of ["5", "655", "700", "6,5,5", "65 kg", "1,234.5"]) expect(type("mass", value)).toEqual([70.25, 142.5, "true"]);
+  expect(element("mass-note").content).toContain("Enter 10 to 300 kg.");
+  expect(type("mass", " ")).toEqual([null, 142.5, "false"]);
+  // A field of type "number" drops a comma, or hides the text that is no number.
+  const page = readFileSync(new URL("../index.html", import.meta.url), "utf8");
+  for (const id of ["mass", "stride"]) expect(new RegExp(`<input id="${id}"[^>]*>`).exec(page)?.[0]).not.toContain("type=");
 });
 
 test("the time of a recording is not part of the name of its button, which a screen reader would speak again and again", () => {

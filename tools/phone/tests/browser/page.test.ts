@@ -214,19 +214,30 @@ test("with a body mass, forces are shown in % of body weight, and the mass is st
   await page.close();
 });
 
+test("a decimal comma is a decimal separator", async () => {
+  const page = await open(served.browser, replay, { viewport: PHONE });
+  await show(page, "settings");
+  await page.locator("#mass").pressSequentially("65,5");
+  await page.locator("#mass").blur();
+  expect(await page.locator("#mass").inputValue()).toBe("65,5");
+  expect(await page.evaluate(() => localStorage.getItem("plantar.settings"))).toContain('"body_mass_kg":65.5');
+  await page.close();
+});
+
 test("a body mass or stride length out of range is refused with the limits", async () => {
   const page = await open(served.browser, replay, { viewport: PHONE });
   await show(page, "settings");
   const stored = async () => JSON.parse((await page.evaluate(() => localStorage.getItem("plantar.settings"))) ?? "{}") as unknown;
   const notes = async () => [await page.locator("#mass-note").textContent(), await page.locator("#stride-note").textContent()];
-  const kg = "Enter 1 to 700 kg. Other values are not used.";
+  const kg = "Enter 10 to 300 kg. Other values are not used.";
   const cm = "Enter 10 to 400 cm. Other values are not used.";
   let last = {};
   for (const [mass_kg, stride_cm, expected] of [
-    [0.9, 9, [kg, cm]],
-    [1, 10, ["", ""]],
-    [700, 400, ["", ""]],
-    [701, 401, [kg, cm]],
+    [9.9, 9, [kg, cm]],
+    [10, 10, ["", ""]],
+    [300, 400, ["", ""]],
+    [301, 401, [kg, cm]],
+    ["6,5,5", "x", [kg, cm]],
   ] as const) {
     await enter(page, "#mass", String(mass_kg));
     await enter(page, "#stride", String(stride_cm));
@@ -237,9 +248,9 @@ test("a body mass or stride length out of range is refused with the limits", asy
   }
   await page.locator("#mass-unit").selectOption("lb");
   expect(await notes()).toEqual(["", cm]);
-  // 700 kg are 1543.2 lb.
-  await enter(page, "#mass", "1544");
-  expect(await notes()).toEqual(["Enter 3 to 1543 lb. Other values are not used.", cm]);
+  // 300 kg are 661.4 lb.
+  await enter(page, "#mass", "662");
+  expect(await notes()).toEqual(["Enter 23 to 661 lb. Other values are not used.", cm]);
   await enter(page, "#mass", "");
   await enter(page, "#stride", "");
   expect(await notes()).toEqual(["", ""]);
