@@ -125,6 +125,8 @@ export class Alerts {
   private answer_timer: ReturnType<typeof setTimeout> | undefined;
   /** Why an insole refused this change, as a phrase; empty if none did. */
   private refusal = "";
+  /** The sessions of which the insoles have refused this change, so that their former rules remain in force. */
+  private readonly refused = new Set<Session>();
   /** The ends of the pauses that the insole of the foot has not confirmed yet, as times of `Date.now()`. */
   private readonly pauses = new Map<Side, number>();
   /** For each session, its load of the day when a pause was last sent to the insole. The next load may confirm the pause. */
@@ -164,9 +166,10 @@ export class Alerts {
     store(() => localStorage, WANTED_KEY, sides.join());
   }
 
-  /** Forgets the wish for alerts, so that a foot without alerts is not named any more. */
+  /** Forgets the wish for alerts, so that neither a foot without alerts nor a refusal is named any more. */
   withdraw(): void {
     this.asked.clear();
+    this.change.sessions = [];
     this.want([]);
   }
 
@@ -195,9 +198,10 @@ export class Alerts {
     alerts.indeterminate = true;
     alerts.onchange = () => {
       const sessions = this.connected();
+      this.withdraw();
       this.change = { is_on: alerts.checked, sessions };
       this.refusal = "";
-      this.withdraw();
+      this.refused.clear();
       this.asked = new Set(alerts.checked ? sessions : []);
       // The wearer hears and feels what an alert is like. After this touch, the browser allows sound.
       if (alerts.checked) this.signal();
@@ -240,7 +244,11 @@ export class Alerts {
   /** The insole of a session answered a request. */
   answered(answer: InsoleAnswer, session: Session): void {
     const is_awaited = this.answer_timer !== undefined && this.change.sessions.includes(session);
-    if (answer.kind === "refused" && is_awaited) this.refusal = answer.reason;
+    if (answer.kind !== "refused" || !is_awaited) return;
+    this.refusal = answer.reason;
+    // Rules that the insole could only not store are in force, which its answer to this request confirms.
+    if (answer.is_not_stored) session.send(this.wire.getAlertRules());
+    else this.refused.add(session);
   }
 
   /**
@@ -347,8 +355,12 @@ export class Alerts {
     const note = (text: string, ...more: Node[]): Node => ["p", { class: "note", "data-key": text }, text, ...more];
     const withdraw: Node = ["button", { "data-action": "withdraw-alerts" }, "Stop these messages"];
     const is_mute = this.are_on && this.settings.alert_sound && !this.cues.is_sound_allowed;
+    const refused = this.unchanged().filter((session) => this.refused.has(session));
+    // The wearer may have left the settings since the change.
+    const refusals = this.refusals(refused).join(" ");
     return [
       ...(is_mute ? [note("Touch the page once, to allow the sound of alerts.")] : []),
+      ...(refusals ? [note(refusals, withdraw)] : []),
       ...[...this.gaps].map(([side, why]) => note(`No alerts of the ${side} foot: ${why}`, withdraw)),
     ];
   }
@@ -533,6 +545,18 @@ export class Alerts {
     return this.connected().filter((session) => sessions.includes(session) && session.has_alerts !== is_on);
   }
 
+  /** True until each insole has accepted or refused the last change of the switch, or must have. */
+  private get is_waiting(): boolean {
+    return this.answer_timer !== undefined && this.unchanged().some((session) => !this.refused.has(session));
+  }
+
+  /** Sentences on these insoles, which did not accept the last change of the switch. */
+  private refusals(unchanged: readonly Session[]): string[] {
+    const state = this.change.is_on ? "off" : "on";
+    const sentences = unchanged.map(({ hello }) => `The ${hello?.side} insole did not accept the change: its alerts are ${state}.`);
+    return sentences.length > 0 && this.refusal ? [...sentences, `The reason: ${this.refusal}.`] : sentences;
+  }
+
   /** Updates the load of the day, and the switch of the alerts. To be called a few times a second. */
   update(): void {
     const sessions = this.connected();
@@ -548,22 +572,19 @@ export class Alerts {
         : sessions.length === 0 ? "No insole is connected. Connect your insoles to change this."
         : "The insole has not reported yet whether its alerts are on.",
       ]);
-    } else if (this.answer_timer === undefined) {
+    } else if (this.is_waiting) fill("alerts-note", ["The insole has not answered yet."]);
+    else {
       const with_alerts = sessions.filter(({ has_alerts }) => has_alerts);
       alerts.checked = with_alerts.length > 0 && with_alerts.length === sessions.length;
       // The alerts of an insole that was connected later, or that refused the change, may differ: the wearer must know.
       alerts.indeterminate = with_alerts.length > 0 && with_alerts.length < sessions.length;
       const only = with_alerts[0]?.hello?.side ?? "";
-      const note = ({ hello }: Session) =>
-        `The ${hello?.side} insole did not accept the change: its alerts are ${this.change.is_on ? "off" : "on"}.`;
       const partly = alerts.indeterminate ? [`Alerts are on for the ${only} foot only.`] : [];
       const unchanged = this.unchanged();
       // The other connected insoles have accepted the change, so a later difference has another cause.
       const is_open = (session: Session) => unchanged.includes(session) || !sessions.includes(session);
       this.change.sessions = this.change.sessions.filter(is_open);
-      const refused = unchanged.map(note);
-      const why = refused.length > 0 && this.refusal ? [`The reason: ${this.refusal}.`] : [];
-      fill("alerts-note", [[...partly, ...refused, ...why].join(" ")]);
+      fill("alerts-note", [[...partly, ...this.refusals(unchanged)].join(" ")]);
     }
     if (this.open.length > 0 || !byId("alert").hidden) {
       // An alert can concern further regions now, or none any more.
@@ -600,6 +621,6 @@ export function drawAlerts(alerts: readonly StoredAlert[]): void {
   fill(byId("alert-list").querySelector("tbody"), newestFirst(alerts).slice(0, ROWS).map(({ alert, start_unix_s }): Node => {
     const regions = [...new Set([...alert.sustained, ...alert.dose])].map(regionTitle);
     const foot: Node = ["td", { class: alert.side }, sideTitle(alert.side)];
-    return ["tr", {}, foot, ["td", {}, timeText(start_unix_s)], ["td", {}, regions.join(", ")]];
+    return ["tr", {}, foot, ["td", {}, timeText(start_unix_s)], ["td", {}, regions.join("; ")]];
   }));
 }

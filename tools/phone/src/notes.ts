@@ -20,11 +20,11 @@ export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): s
   const notes = insoles.sessions.flatMap((session) => sessionProblems(session, facts, insoles.transport?.is_replay));
   const { saturatedRegions: saturated, maskedRegions: masked } = live_view;
   if (saturated.length > 0) {
-    notes.push(`The sensor reached its limit here: ${saturated.join(", ")}. The true forces are higher than the ones shown (▲).`);
+    notes.push(`The sensor reached its limit here: ${saturated.join("; ")}. The true forces are higher than the ones shown (▲).`);
   }
   if (masked.length > 0) {
     notes.push(
-      `Some sensor cells are faulty here: ${masked.join(", ")}. Healthy neighbours replace them (~), if there are any; ` +
+      `Some sensor cells are faulty here: ${masked.join("; ")}. Healthy neighbours replace them (~), if there are any; ` +
         "others read 0, and alerts may be missing.",
     );
   }
@@ -80,7 +80,7 @@ function typicalParameters(insoles: Insoles, facts: Facts): Node[] {
     const { hello, typical = [] } = insoles.of(side) ?? {};
     if (!hello?.has_parameters || typical.length === 0) return [];
     const regions = typical.length < facts.regions.length ? typical.map((i) => regionTitle(facts.regions[i]?.name ?? "")) : [];
-    const where = regions.length > 0 ? ` (${regions.join(", ").toLowerCase()})` : "";
+    const where = regions.length > 0 ? ` (${regions.join("; ").toLowerCase()})` : "";
     const owner = insoles.transport?.is_replay ? "the wearer's" : "yours";
     const values = `The model values of the ${side} foot${where}`;
     return [remark(`${values} are computed with parameters that are not known to be ${owner}.`)];

@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { Alerts } from "../src/alerts";
+import { Alerts, drawAlerts } from "../src/alerts";
 import { PhoneCues } from "../src/cues";
 import type { ToHost } from "../src/generated/messages";
 import type { Alert, Side } from "../src/generated/quantities";
@@ -121,6 +121,45 @@ test("an insole that did not accept a change of the switch is named, with what i
   expect([box.disabled, box.indeterminate]).toEqual([false, true]);
   const refused = "The right insole did not accept the change: its alerts are off. The reason: busy.";
   expect(note.content).toBe(JSON.stringify([`Alerts are on for the left foot only. ${refused}`]));
+});
+
+test("a refusal is shown as soon as it arrives, and in the notes of all views until the wearer closes it", () => {
+  const all = start();
+  const { alerts, left, right } = all;
+  const refuse = (insole: typeof left, is_not_stored = false) =>
+    insole.receive({ kind: "refused", reason: "no changes", is_other_host: false, is_not_stored, is_final: true });
+  const shown = () => {
+    alerts.update();
+    return [box.checked, note.content, problems(all)];
+  };
+  const refused = ({ side }: { side: Side }) => `The ${side} insole did not accept the change: its alerts are off.`;
+  box.checked = true;
+  box.onchange();
+  expect(shown()).toEqual([true, JSON.stringify(["The insole has not answered yet."]), []]);
+  refuse(left);
+  refuse(right);
+  const text = `${refused({ side: "left" })} ${refused({ side: "right" })} The reason: no changes.`;
+  expect(shown()).toEqual([false, JSON.stringify([text]), [text]]);
+  vi.advanceTimersByTime(60_000);
+  expect(shown()).toEqual([false, JSON.stringify([text]), [text]]);
+  expect(JSON.stringify(alerts.problems())).toContain("withdraw-alerts");
+  alerts.withdraw();
+  expect(shown()).toEqual([false, JSON.stringify([""]), []]);
+  // Rules that were only not stored are in force, so the insole is asked for them at once.
+  box.checked = true;
+  box.onchange();
+  refuse(left, true);
+  expect(left.sent.at(-1)).toEqual(wire.getAlertRules());
+  for (const { receive } of [left, right]) receive(rules(true));
+  expect(shown()).toEqual([true, JSON.stringify([""]), []]);
+});
+
+test("the regions of an alert, of which some names contain commas, are separated by semicolons", () => {
+  const regions = ["metatarsals_12", "metatarsals_35"];
+  const body = vi.spyOn(element("alert-list"), "querySelector").mockReturnValue("alert-rows" as never);
+  drawAlerts([{ alert: alertOf("left", regions), start_unix_s: null }] as never);
+  expect(element("alert-rows").content).toContain('"Ball, inner; Ball, outer"');
+  body.mockRestore();
 });
 
 test("a change by another host is not reported as one that an insole did not accept", () => {

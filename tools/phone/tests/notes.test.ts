@@ -52,7 +52,7 @@ test("a gap in a recording is not reported as a lost connection", () => {
 });
 
 test("faulty cells without healthy neighbours, of which alerts may be missing, are mentioned", () => {
-  const live_view = { saturatedRegions: [], maskedRegions: ["left heel"] } as unknown as LiveView;
+  const live_view = { saturatedRegions: [], maskedRegions: ["left ball, inner", "left heel"] } as unknown as LiveView;
   const text = problems({ transport: {}, sessions: [] } as unknown as Insoles, live_view, FACTS).join();
-  expect(text).toMatch(/faulty here: left heel.*others read 0, and alerts may be missing/);
+  expect(text).toMatch(/faulty here: left ball, inner; left heel.*others read 0, and alerts may be missing/);
 });

@@ -91,7 +91,7 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   await rows.first().waitFor();
   expect(await banner.isHidden()).toBe(true);
   expect(await rows.count()).toBe(1);
-  expect(await rows.locator("td").last().textContent()).toBe("Heel, Big toe");
+  expect(await rows.locator("td").last().textContent()).toBe("Heel; Big toe");
 
   await expect.poll(() => insoles.requests.some(([, [kind]]) => kind === GET_DAILY_LOAD)).toBe(true);
   insoles.answer(0, Uint8Array.from(DAILY_BYTES));
@@ -118,7 +118,7 @@ test("an alert without a known time is shown before the first live frame", async
   await page.goto(served.url);
   await page.locator("#alert").waitFor();
   await page.locator("nav [data-to=steps]").click();
-  expect(await page.locator("#alert-list tbody td").allTextContents()).toEqual(["Left", "–", "Heel, Big toe"]);
+  expect(await page.locator("#alert-list tbody td").allTextContents()).toEqual(["Left", "–", "Heel; Big toe"]);
   insoles.stop();
   await context.close();
 });
