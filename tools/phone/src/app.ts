@@ -13,7 +13,7 @@ import { problems, remarks } from "./notes";
 import { Recorder } from "./recorder";
 import { type RecordMessage, type Session, recordOf } from "./session";
 import { followSettings, loadSettings } from "./settings";
-import { listenToExport, listenToSettings, updateSettingsView } from "./settings_view";
+import { INSOLES_COUNT, listenToExport, listenToSettings, updateSettingsView } from "./settings_view";
 import { SIDES } from "./side";
 import { DatabaseStorage, NoStorage, type StepRecord, type StepStorage, TemporaryStorage } from "./step_storage";
 import { StepStore, keyedRecord } from "./step_store";
@@ -50,6 +50,7 @@ const CANNOT_STORE =
   "This browser cannot store steps, because its storage is full or not allowed, or because a newer version of this page " +
   "is open in another tab. Free some storage, allow it for this site, or reload this page. Until then, the insole stores " +
   "your steps, and alerts may not arrive.";
+const DELETED = `All steps and loads on this device are deleted. ${INSOLES_COUNT}`;
 const OTHER_TAB =
   "An older version of this page is open in another tab. Close all other tabs of this page; this one continues then.";
 
@@ -166,7 +167,7 @@ export class App {
    */
   private isFramed(): boolean {
     if (window.top === window) return false;
-    this.fail("This page does not connect to insoles while another page shows it in a frame. Open it in a tab of its own.");
+    this.inform("This page does not connect to insoles while another page shows it in a frame. Open it in a tab of its own.");
     return true;
   }
 
@@ -220,13 +221,13 @@ export class App {
       await transport.connect(device);
     } catch (error) {
       if (this.insoles.transport === transport) byId("start").hidden = this.insoles.sessions.some(({ hello }) => hello);
-      this.fail(explain(error));
+      this.inform(explain(error));
     }
     this.tick();
   }
 
-  /** Shows an error after an action of the wearer, who may not see the top of the page. */
-  private fail(problem: string): void {
+  /** Shows an error or the result of an action of the wearer, who may not see the top of the page. */
+  private inform(problem: string): void {
     this.problem = problem;
     this.tick();
     byId("notes").focus();
@@ -329,6 +330,7 @@ export class App {
     // Other tabs show what remains.
     store(() => localStorage, CLEARED_KEY, String(Date.now()));
     for (const result of deleted) if (result.status === "rejected") throw result.reason;
+    this.inform(DELETED);
   }
 
   private tick(): void {
@@ -383,7 +385,7 @@ export class App {
     const close: Node = ["button", { "data-action": "close-error" }, "Close this message"];
     fill("notes", [
       ...(this.problem
-        ? [["div", { class: this.problem === NONE_CHOSEN ? "note remark" : "note" },
+        ? [["div", { class: [NONE_CHOSEN, DELETED].includes(this.problem) ? "note remark" : "note" },
             this.problem, ...reloadFor(this.problem), ...(is_lasting ? [] : [close])] as Node]
         : []),
       ...this.alerts.problems(),
@@ -485,7 +487,7 @@ export class App {
         void this.identify.reload();
       }
     });
-    const failed = (problem: string) => this.fail(problem);
+    const failed = (problem: string) => this.inform(problem);
     listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.clear(), failed);
     // Until here, a tap on one of the buttons would have been lost.
     document.querySelector("nav")?.removeAttribute("inert");

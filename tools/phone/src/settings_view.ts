@@ -13,6 +13,8 @@ import { sideTitle } from "./side";
 import type { Records, StepStore } from "./step_store";
 import type { Wire } from "./wire";
 
+/** What a deletion on this device does not change. A next wearer must not take this load for the own one. */
+export const INSOLES_COUNT = "The insoles still count the load of today, and this page still shows it.";
 const NOT_EXPORTED = "The browser could not save this file. Choose \"Export recording\" instead.";
 
 /**
@@ -157,7 +159,7 @@ export function listenToExport(
   };
   byId("clear").onclick = () => {
     const what = "all steps and loads that are stored on this device, and those of an interrupted identification";
-    if (!confirm(`Delete ${what}? Export the steps first if you need them.`)) return;
+    if (!confirm(`Delete ${what}? Export the steps first if you need them. ${INSOLES_COUNT}`)) return;
     clear().catch((error: unknown) => {
       const is_elsewhere = errorText(error) === NOT_DELETED;
       failed(is_elsewhere ? NOT_DELETED : "The browser could not delete the steps. Reload the page and try again.");

@@ -107,6 +107,14 @@ test("the steps are deleted although those of an identification in another tab r
   expect([storage.records.size, items.has("plantar.cleared_ms")]).toEqual([0, true]);
 });
 
+test("a deletion is confirmed, with what the insoles still count", async () => {
+  const { app } = await start();
+  vi.stubGlobal("localStorage", { setItem: () => undefined, getItem: () => null });
+  vi.spyOn(app["identify"], "deleteStored").mockResolvedValue();
+  await app["clear"]();
+  expect(app["problem"]).toMatch(/^All steps and loads on this device are deleted\. The insoles still count the load of today/);
+});
+
 test("steps that were walked without this device are marked as having inexact times", async () => {
   const { app, storage } = await start();
   storage.is_full = false;

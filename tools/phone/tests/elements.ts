@@ -20,6 +20,7 @@ export class FakeElement {
   setAttribute = (name: string, value: string): void => void (this.attributes[name] = value);
   getAttribute = (name: string): string | null => this.attributes[name] ?? null;
   querySelector = (): null => null;
+  focus = (): void => undefined;
   scrollIntoView = (): void => undefined;
 }
 

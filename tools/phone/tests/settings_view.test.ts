@@ -130,10 +130,12 @@ test.each([
   [new Error(NOT_DELETED), NOT_DELETED],
   [new DOMException("", "UnknownError"), "The browser could not delete the steps. Reload the page and try again."],
 ])("a deletion that fails is reported: %s", async (error, text) => {
-  vi.stubGlobal("confirm", () => true);
+  const confirm = vi.fn(() => true);
+  vi.stubGlobal("confirm", confirm);
   const failed = vi.fn();
   const insoles = { hellos: new Map(), transport: undefined } as unknown as Insoles;
   listenToExport(wire, new Recorder(), insoles, () => StepStore.ofRecording(wire), () => Promise.reject(error), failed);
   element("clear").onclick();
   await vi.waitFor(() => expect(failed).toHaveBeenCalledExactlyOnceWith(text));
+  expect(confirm).toHaveBeenCalledWith(expect.stringContaining("The insoles still count the load of today"));
 });
