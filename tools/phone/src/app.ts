@@ -355,6 +355,10 @@ export class App {
 
   private update(now_ms: number): void {
     const { insoles, live_view } = this;
+    if (insoles.transport instanceof WebSocketTransport) {
+      // A plain web server at localhost has no insoles: then the page offers Bluetooth and the example walk.
+      byId("start").hidden = !insoles.sessions.every(({ state, reason }) => state === "closed" && reason);
+    }
     live_view.update(insoles, this.settings);
     // New records are drawn only while the steps view is visible, so that drawing them does not slow the live view.
     const is_visible = byId("steps").offsetParent !== null;

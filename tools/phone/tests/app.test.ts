@@ -5,6 +5,7 @@ import { NOT_DELETED } from "../src/identify_controller";
 import { DatabaseStorage, type NewRecord, TemporaryStorage } from "../src/step_storage";
 import { StepStore } from "../src/step_store";
 import { BluetoothTransport } from "../src/transport/bluetooth";
+import { WebSocketTransport } from "../src/transport/websocket";
 import { element } from "./elements";
 import { loadWire, messagesOf, step } from "./wire";
 
@@ -187,6 +188,28 @@ test("a new version of the page is offered with a warning over Bluetooth, and no
   expect(note()).toContain("ready. Reloading ends the connection: choose your insoles again afterwards.");
   app["identify"]["session"].phase = "stand";
   expect(note()).not.toContain("A new version");
+});
+
+test("while plantar serve has never answered, the page offers Bluetooth and the example walk", () => {
+  const app = new App(wire);
+  element("alert").hidden = true;
+  Object.assign(app["live_view"], { saturated: [], pictures: { left: {}, right: {} } });
+  const transport = Object.assign(Object.create(WebSocketTransport.prototype), { send: () => undefined, close: () => undefined });
+  vi.spyOn(app as unknown as { showPersistence(): Promise<void> }, "showPersistence").mockResolvedValue();
+  app["use"](transport);
+  const { opened, closed, message } = app["insoles"].transportEvents;
+  const is_hidden = () => {
+    app["update"](0);
+    return element("start").hidden;
+  };
+  expect(is_hidden()).toBe(true);
+  for (const insole of [0, 1] as const) closed(insole, "plantar serve does not answer");
+  expect(is_hidden()).toBe(false);
+  opened(0);
+  expect(is_hidden()).toBe(true);
+  message(0, messagesOf(0)[0]!);
+  for (const insole of [0, 1] as const) closed(insole, "plantar serve does not answer");
+  expect(is_hidden()).toBe(true);
 });
 
 test("a text that only contains the word reload has no button that reloads the page", () => {
