@@ -69,6 +69,7 @@ export class IdentifyController {
       cues: new PhoneCues(),
       storage,
       size: () => settings.shoe_size,
+      isRadio: () => insoles.transport?.is_radio ?? false,
     });
     byId("identify-open").onclick = () => this.show();
     byId("identify-body").onclick = ({ target }) => {

@@ -20,12 +20,12 @@ const LOADED_N = 3;
 const TOLERANCE_FACTOR = 1.3;
 const TOLERANCE_PERCENT = 1;
 
-/** The reasons why steps of a foot were not used, as sentences for the wearer. */
-export function exclusions({ side, excluded }: Collected): string[] {
+/** The reasons why steps of a foot were not used, as sentences for the wearer. `is_radio` is that of the transport. */
+export function exclusions({ side, excluded }: Collected, is_radio: boolean): string[] {
   const sentence = (count: number, reason: string) =>
     count > 0 ? [`Not used: ${count} ${side} ${count === 1 ? "step" : "steps"} ${reason}`] : [];
   return [
-    ...sentence(excluded.broken, "with lost data. Hold the phone closer to your feet."),
+    ...sentence(excluded.broken, `with lost data.${is_radio ? " Hold the phone closer to your feet." : ""}`),
     ...sentence(excluded.partial, "with too little load. Walk straight, at your usual pace."),
     ...sentence(excluded.before, "from before this session."),
   ];

@@ -70,6 +70,8 @@ export interface Host {
   storage: IdentifyStorage;
   /** The European shoe size. */
   size(): number;
+  /** True if the insoles are connected by radio, so that it helps to hold the phone closer to them. */
+  isRadio(): boolean;
 }
 
 /** One foot of the session. */
@@ -276,7 +278,8 @@ export class IdentifySession {
       if (is_lost !== foot.is_lost && (this.isCollecting || this.phase === "verify")) {
         const is_standing = this.phase === "stand";
         const state = `The ${foot.side} insole is ${is_lost ? "not connected" : "connected again"}.`;
-        const stop = is_standing ? "Hold the phone closer." : "Stop, and hold the phone closer.";
+        const stop = this.is_radio ? (is_standing ? "Hold the phone closer." : "Stop, and hold the phone closer.")
+          : is_standing ? "Wait." : "Stop, and wait.";
         const go_on = is_standing ? "Stand still on both feet." : "Continue to walk.";
         this.host.cues.say(`${state} ${is_lost ? stop : go_on}`);
         this.host.cues.vibrate(is_lost ? [400, 200, 400] : [200]);
@@ -330,7 +333,7 @@ export class IdentifySession {
     const { excluded } = collected;
     const { excluded: previous } = before;
     const remark = excluded.broken > previous.broken
-      ? "Stop walking. Data were lost. Hold the phone closer to your feet, then continue."
+      ? this.is_radio ? "Stop walking. Data were lost. Hold the phone closer to your feet, then continue." : "Data of that step were lost."
       : excluded.partial > previous.partial ? "That step had too little load. Walk straight, at your usual pace." : "";
     if (remark && now_ms - this.remarked_ms >= REMARK_MS) {
       this.remarked_ms = now_ms;
@@ -338,15 +341,21 @@ export class IdentifySession {
     }
   }
 
+  /** True if it helps to hold the phone closer to the insoles. */
+  get is_radio(): boolean {
+    return this.host.isRadio();
+  }
+
   /** The problems that the wearer should solve, as sentences. */
   problems(): string[] {
     const missing = this.feet.filter(({ collected }) => !collected?.good);
     const is_one_sided = this.phase === "walk" && this.feet.some(({ collected }) => (collected?.good ?? 0) >= MIN_STEPS);
     const is_walking = this.isCollecting || this.phase === "verify";
+    const closer = this.is_radio ? "Hold the phone closer; the" : "Wait until it is connected again. The";
     return [
       ...this.feet
         .filter(({ is_lost }) => is_lost && is_walking)
-        .map(({ side }) => `The ${side} insole is not connected. Hold the phone closer; the session continues then.`),
+        .map(({ side }) => `The ${side} insole is not connected. ${closer} session continues then.`),
       ...(is_one_sided ? missing.map(({ side }) => missingFoot(side)) : []),
       ...this.feet.filter(({ collected }) => collected?.mirrored).map(({ side }) => mirrored(side)),
     ];
@@ -354,7 +363,7 @@ export class IdentifySession {
 
   /** Sentences on the course of the session: the steps that were not used, and the {@link remarks}. */
   comments(): string[] {
-    return [...this.feet.flatMap(({ collected }) => (collected ? exclusions(collected) : [])), ...this.remarks];
+    return [...this.feet.flatMap(({ collected }) => (collected ? exclusions(collected, this.is_radio) : [])), ...this.remarks];
   }
 
   /** The feet with enough good steps for a fit. */

@@ -94,9 +94,10 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
 
 /** The problems of each insole that the wearer should solve before the session, as sentences. */
 export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles" | "now_ms">): string[] {
+  const { is_replay, is_radio } = insoles.transport ?? {};
   return SIDES.flatMap((side) => {
     const session = insoles.of(side);
-    if (!session?.hello) return [];
+    if (!session?.hello || is_replay) return [];
     if (session.state !== "live") return [`The ${side} insole is not connected at the moment.`];
     const [rate_hz, expected_hz] = [session.rate_hz(now_ms), session.hello.rate_hz];
     const rates = `${rate_hz.toFixed(0)} of ${expected_hz.toFixed(0)}`;
@@ -104,7 +105,7 @@ export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles"
     return [
       ...(session.is_resting ? [`The ${side} insole rests, because it is not loaded. Stand on it.`]
         : rate_hz < LEAST_RATE * expected_hz
-        ? [`Only ${rates} frames per second arrive from the ${side} insole. Hold the phone closer.`]
+        ? [`Only ${rates} frames per second arrive from the ${side} insole.${is_radio ? " Hold the phone closer." : ""}`]
         : []),
       ...(session.refuses_changes
         ? [`The ${side} insole will not accept the result: ${REFUSED}. You can save the result as a file, and send it later.`]
@@ -119,7 +120,9 @@ export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles"
 function start(state: IdentifyState): Node[] {
   const { insoles, shoe_size, has_stored, is_elsewhere } = state;
   const sides = SIDES.filter((side) => insoles.of(side)?.state === "live");
-  const feet = sides.length === 2 ? "Both insoles are connected." : sides.length === 1
+  const is_recorded = insoles.transport?.is_replay && sides.length > 0;
+  const feet = is_recorded ? `This is a recording of ${sides.length === 2 ? "both feet" : `the ${sides[0]} foot`}.`
+    : sides.length === 2 ? "Both insoles are connected." : sides.length === 1
     ? `Only the ${sides[0]} insole is connected. Connect the other one too, or continue with one foot.`
     : "No insole is connected. Connect your insoles, then return to this view.";
   const sizes = Array.from({ length: SHOE_SIZES.max - SHOE_SIZES.min + 1 }, (_, i) => String(SHOE_SIZES.min + i));
@@ -224,12 +227,12 @@ function resultTable({ side, collected, result }: Foot, { regions }: FootResult)
  * The insoles that have not confirmed the parameters, or could not store them, with the reasons, and the button that sends the
  * parameters again.
  */
-function failedTransfers({ feet }: IdentifySession): Node[] {
+function failedTransfers(session: IdentifySession): Node[] {
   const words = ({ side, refusal, unstored }: Foot) =>
     unstored ? `The ${side} insole will lose your parameters when it restarts: ${unstored}.`
     : refusal ? `The ${side} insole did not accept the parameters: ${refusal}.`
-    : `The ${side} insole did not answer, so it may not have your parameters. Hold the phone closer to it.`;
-  const failed = feet.filter(({ sent, unstored }) => sent === "failed" || unstored);
+    : `The ${side} insole did not answer, so it may not have your parameters.${session.is_radio ? " Hold the phone closer to it." : ""}`;
+  const failed = session.feet.filter(({ sent, unstored }) => sent === "failed" || unstored);
   const notes = failed.map((foot) => note(words(foot)));
   // The same refusal would follow, unless the wearer has changed something.
   const is_final = failed.every(({ is_refusal_final }) => is_refusal_final);

@@ -38,8 +38,8 @@ function receiveLive(session: IdentifySession, side: Side, now_ms: number, force
   if (message.kind === "live") session.live(side, message, now_ms, () => other_n);
 }
 
-/** Starts a session of these feet, and passes it a live frame of each. Returns it with logs of its calls to the page. */
-function start(sides: Side[] = ["left", "right"]) {
+/** Starts a session of these feet, and passes it a live frame of each. Returns it with logs of its calls to the page. `is_radio` is that of the transport. */
+function start(sides: Side[] = ["left", "right"], is_radio = true) {
   const said: string[] = [];
   const solved: Request[] = [];
   const sent: [Side, Uint8Array][] = [];
@@ -55,6 +55,7 @@ function start(sides: Side[] = ["left", "right"]) {
     cues: { say: (text) => said.push(text), vibrate: () => undefined },
     storage,
     size: () => 42,
+    isRadio: () => is_radio,
   });
   const hellos = new Map(sides.map((side) => [side, HELLO]));
   session.start(hellos, 0, 1_000_000);
@@ -307,6 +308,21 @@ test("a wearer who is to hold the phone closer to the feet is first asked to sto
   expect(said.at(-1)).toMatch(/^Stop walking\. Data were lost\. Hold the phone closer to your feet/);
 });
 
+test("without a radio, the wearer is not advised to hold the phone closer", () => {
+  const { session, said, count } = start(["left"], false);
+  session.tick(100, ["left"]);
+  session.tick(200, []);
+  session.step("left", anyStep(), "a", 300);
+  count(collected("left", 4));
+  count(collected("left", 4, { broken: 1 }));
+  session.tick(400, ["left"]);
+  const texts = [...said, ...session.problems(), ...session.comments()];
+  expect(texts).toContain("The left insole is not connected. Stop, and wait.");
+  expect(texts).toContain("The left insole is not connected. Wait until it is connected again. The session continues then.");
+  expect(texts).toContain("Not used: 1 left step with lost data.");
+  expect(texts.join()).not.toMatch(/phone closer/i);
+});
+
 test("a wearer who has to stand is not asked to walk when the link returns", () => {
   const { session, said } = start(["left"]);
   session.tick(100, ["left"]);
@@ -348,7 +364,7 @@ test("the check compares loaded fitted regions with the prediction, and excluded
   expect(check(result(null), [withError(9)])).toBeUndefined();
   const saturated = anyStep({ regions: { heel: region({ saturated: true, model_error_nrmse_percent: 90 }) } });
   expect(check(result(8), [withError(9), withError(11), saturated])).toEqual(confirmed);
-  const sentences = exclusions(collected("left", 3, { broken: 1 }));
+  const sentences = exclusions(collected("left", 3, { broken: 1 }), true);
   expect(sentences).toEqual(["Not used: 1 left step with lost data. Hold the phone closer to your feet."]);
   expect(wire.facts.regions.map(({ name }) => name)).toEqual(expect.arrayContaining(["toes_35", "hallux"]));
 });

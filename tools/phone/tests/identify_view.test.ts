@@ -84,6 +84,21 @@ test("after a failure of the computation, the main action reloads the page, and 
   expect(primary(view("failed"))).toEqual(["close"]);
 });
 
+test("a closer phone is advised only for a radio, and no advice is given for a recording", () => {
+  const session = { state: "live", hello: { rate_hz: 100 }, rate_hz: () => 2 };
+  const of = (side: string) => (side === "left" ? session : undefined);
+  const problems = (transport = {}) => startProblems({ insoles: { transport, of } as unknown as Insoles, now_ms: 0 });
+  const slow = "Only 2 of 100 frames per second arrive from the left insole.";
+  expect([problems(), problems({ is_radio: true }), problems({ is_replay: true })]).toEqual([[slow], [`${slow} Hold the phone closer.`], []]);
+});
+
+test("a recording is not called a connection", () => {
+  const insoles = { transport: { is_replay: true }, of: () => ({ state: "live" }) } as unknown as Insoles;
+  drawIdentify({ phase: "closed" } as IdentifySession, { insoles, shoe_size: 42, has_stored: false, is_elsewhere: false, now_ms: 0 });
+  expect(element("identify-body").content).toContain("This is a recording of both feet.");
+  expect(element("identify-body").content).not.toContain("connected");
+});
+
 test("an insole that rests is not reported as one that is out of reach", () => {
   const problems = (is_resting: boolean) => {
     const session = { state: "live", hello: { rate_hz: 100 }, rate_hz: () => 2, is_resting };

@@ -59,6 +59,7 @@ interface Connected {
 export class BluetoothTransport implements Transport {
   readonly location = "over Bluetooth";
   readonly is_replay = false;
+  readonly is_radio = true;
   readonly can_lose_records = true;
   private readonly insoles = new Map<Insole, Connected>();
 

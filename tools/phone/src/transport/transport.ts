@@ -33,6 +33,8 @@ export interface Transport {
   readonly is_replay: boolean;
   /** True if no insole is connected, and none is awaited. Absent for transports that always await insoles. */
   readonly is_idle?: boolean;
+  /** True if the insoles are connected by radio, so that it helps to hold the phone closer to them. */
+  readonly is_radio?: boolean;
   /**
    * True if the page must detect missing records, and request them again. Not for `plantar serve`: while its link is open, no
    * record is lost, and it may not have those that are missing after an interruption any more. A recording answers no requests.

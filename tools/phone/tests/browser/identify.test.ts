@@ -208,7 +208,7 @@ test.skipIf(!walk)("a lost link, a foot without an insole and a small number of 
   insoles.speed = FAST;
   await expect.poll(() => good(page, "left"), { timeout: 30_000 }).toBeGreaterThanOrEqual(4);
   insoles.is_connected = false;
-  await page.getByText("The left insole is not connected. Hold the phone closer").waitFor();
+  await page.getByText("The left insole is not connected. Wait until it is connected again.").waitFor();
   expect(await spoken.count()).toBe(0);
   await page.getByText("make its result uncertain").waitFor();
   await act(page, "finish").click();
