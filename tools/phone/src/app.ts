@@ -306,8 +306,13 @@ export class App {
     this.is_outdated = byId("steps").offsetParent === null;
     this.steps_drawn_ms = performance.now();
     this.drawn_day = dayOf(Date.now() / 1000);
-    const today = SIDES.map((side) => days.get(this.drawn_day)?.[side].steps ?? 0);
-    drawSteps(latest.steps, today, this.store.count("steps"), gaitOf(this.wire, latest, this.settings), this.settings);
+    // A recording is neither of today nor stored, and the wearer's stride length is not that of its walk.
+    const is_replay = this.insoles.transport?.is_replay ?? false;
+    const shown = [...days.values()].filter(({ day }) => is_replay || day === this.drawn_day);
+    const counts = SIDES.map((side) => shown.reduce((sum, totals) => sum + totals[side].steps, 0));
+    const stride_cm = is_replay ? null : this.settings.stride_cm;
+    const gait = gaitOf(this.wire, latest, { ...this.settings, stride_cm });
+    drawSteps(latest.steps, counts, is_replay ? undefined : this.store.count("steps"), gait, this.settings);
     drawDays([...days.values()], this.shows_all_days, this.settings);
     drawBouts(latest.bouts);
     drawAlerts(latest.alerts);

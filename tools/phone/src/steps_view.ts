@@ -7,7 +7,7 @@ import type { Estimate, Gait, GaitMeasure, Step } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 import { SIDES, sideTitle } from "./side";
 import { type StoredBout, type StoredStep, newestFirst } from "./step_store";
-import { LATEST_STEPS, stepsOf } from "./walk";
+import { LATEST_STEPS, stepsOf, whyNotCompared } from "./walk";
 
 /** Largest number of steps of each foot in the diagram. */
 const TREND_STEPS = 60;
@@ -19,12 +19,13 @@ const OMITTED = ["swing_percent", "first_double_support_s", "single_support_perc
 
 /**
  * Shows the last steps. `today` contains the numbers of steps of the left and of the right foot today, and `count` is the number
- * of all stored steps. To be called after each change of the steps or of the settings, and of the day.
+ * of all stored steps; for a recording, `today` contains all its steps, and `count` is `undefined`. To be called after each change
+ * of the steps or of the settings, and of the day.
  */
 export function drawSteps(
   steps: readonly StoredStep[],
   today: readonly number[],
-  count: number,
+  count: number | undefined,
   gait: Gait,
   settings: Settings,
 ): void {
@@ -39,10 +40,14 @@ export function drawSteps(
   const [left = 0, right = 0] = today;
   fill("measures", [
     card("Cadence", numberText(gait.cadence_per_min?.mean ?? null, 0), "steps per minute"),
-    card("Steps today", String(left + right), `left ${left}, right ${right}; ${count} stored in all`),
+    card(
+      count === undefined ? "Steps in the recording" : "Steps today",
+      String(left + right),
+      `left ${left}, right ${right}${count === undefined ? "" : `; ${count} stored in all`}`,
+    ),
     ...speed,
   ]);
-  drawGait(gait, settings);
+  drawGait(gait, settings, gait.has_both_feet ? "" : `${whyNotCompared(steps)} `);
   fill("trend", trend(steps, settings));
 
   const head = ["Foot", "Time", "Contact, s", `Peak, ${unitOf(settings)}`, "Force × time, N s"];
@@ -82,7 +87,8 @@ export function drawDays(days: readonly DayTotals[], shows_all: boolean, setting
       ["th", { scope: "row" }, dateText(totals.day)],
       ...cells(({ steps }) => String(steps)),
       ...cells(({ integral_n_s }) => (integral_n_s / 1000).toFixed(1)),
-      ...cells(({ peak_n }) => forceText(peak_n, settings, "")[0] ?? ""),
+      // Load outside steps, as in standing, has no peak.
+      ...cells(({ steps, peak_n }) => (steps ? forceText(peak_n, settings, "")[0] : "–")),
     ];
   }));
 }
@@ -99,13 +105,14 @@ export function drawBouts(bouts: readonly StoredBout[]): void {
     ["td", { class: bout.side }, sideTitle(bout.side)],
     ["td", {}, timeText(start_unix_s)],
     ["td", {}, bout.kind === "unclassified" ? "other" : bout.kind],
-    ["td", {}, bout.duration_s.toFixed(0)],
+    // Some bouts last for a fraction of a second.
+    ["td", {}, bout.duration_s.toFixed(bout.duration_s < 10 ? 1 : 0)],
     ["td", {}, boutIntegral_n_s(bout).toFixed(0)],
   ]));
 }
 
-/** Shows the measures of both feet, with the intervals of the means. */
-function drawGait(gait: Gait, settings: Settings): void {
+/** Shows the measures of both feet, with the intervals of the means, and why the feet are not compared. */
+function drawGait(gait: Gait, settings: Settings, why: string): void {
   const value = (estimate: Estimate | null, digits: number, scale: number): Node => {
     if (!estimate) return ["td", {}, "–"];
     const text = (value: number | null) => (value === null ? "–" : signedText(scale * value, digits));
@@ -120,14 +127,12 @@ function drawGait(gait: Gait, settings: Settings): void {
     return ["tr", {}, ["th", { scope: "row" }, name], ...feet, value(symmetry_percent, 1, 1)];
   };
   const measures = gait.measures.filter(({ key, left, right }) => (left || right) && !OMITTED.includes(key));
+  for (const id of ["both-feet", "both-feet-help"]) byId(id).hidden = measures.length === 0;
   fill(byId("both-feet").querySelector("tbody"), measures.map(row));
   const { strides, gaps, unpaired } = gait;
   const both = ({ left, right }: { left: number; right: number }) => `${left} left, ${right} right`;
-  const compared = gait.has_both_feet ? ""
-    : "The feet are not compared, because a foot has no steps, or walked at another time, or has too few steps with exact " +
-      "times: steps that an insole stored while it was not connected have inexact times. ";
   fill("both-feet-note", [
-    `${compared}Strides in use: ${both(strides)}, of the last ${LATEST_STEPS} steps of each foot. Not used, because of a pause ` +
+    `${why}Strides in use: ${both(strides)}, of the last ${LATEST_STEPS} steps of each foot. Not used, because of a pause ` +
       `or a missing step: ${both(gaps)}; without exactly one step of the other foot: ${both(unpaired)}.`,
   ]);
 }

@@ -23,6 +23,28 @@ function onOneClock(steps: readonly StoredStep[]): StoredStep[] {
   return steps.filter(({ step }) => step.starts_ago === newest);
 }
 
+/** The last steps of each foot, with times on one clock. */
+const latestOf = (steps: readonly StoredStep[]) => SIDES.map((side) => onOneClock(stepsOf(steps, side)).slice(-LATEST_STEPS));
+
+/** With fewer steps of a foot, their number is named as the reason why the feet are not compared. */
+const FEW_STEPS = 10;
+
+/** The reason why {@link gaitOf} does not compare the feet in these steps, as a sentence. */
+export function whyNotCompared(steps: readonly StoredStep[]): string {
+  const latest = latestOf(steps);
+  const missing = SIDES.find((_, i) => latest[i]!.length === 0);
+  if (missing) return `The feet are not compared, because there are no steps of the ${missing} foot.`;
+  if (latest.some(({ length }) => length < FEW_STEPS)) {
+    return "The feet are not compared yet, because there are too few steps so far.";
+  }
+  const times = latest.map((steps) => steps.flatMap(({ start_unix_s }) => start_unix_s ?? []));
+  const [first_s, last_s] = [times.map((times) => Math.min(...times)), times.map((times) => Math.max(...times))];
+  return times.every(({ length }) => length > 0) && Math.max(...first_s) > Math.min(...last_s)
+    ? "The feet are not compared, because they walked at different times."
+    : "The feet are not compared, because too few steps have exact times: steps that an insole stored while it was not connected " +
+        "have inexact ones.";
+}
+
 /**
  * The measures of both feet. Steps of a foot that cannot be compared in time with its other ones are not used. The feet are
  * compared if the newest step of each foot has an exact time, and enough of all its steps have one
@@ -30,7 +52,7 @@ function onOneClock(steps: readonly StoredStep[]): StoredStep[] {
  * of the other one, only the foot that walked last is measured.
  */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
-  const latest = SIDES.map((side) => onOneClock(stepsOf(steps, side)).slice(-LATEST_STEPS));
+  const latest = latestOf(steps);
   const exact = latest.map((steps) => steps.filter(({ is_comparable }) => is_comparable));
   const has_common_clock = latest.every(
     (steps, i) => steps.at(-1)?.is_comparable && wire.areFeetComparable(exact[i]!.length, steps.length),

@@ -2,7 +2,7 @@ import { expect, test } from "vitest";
 import type { Side } from "../src/generated/quantities";
 import { loadSettings } from "../src/settings";
 import type { StoredBout, StoredStep } from "../src/step_store";
-import { gaitOf } from "../src/walk";
+import { gaitOf, whyNotCompared } from "../src/walk";
 import { loadWire, step } from "./wire";
 
 const wire = await loadWire();
@@ -122,6 +122,17 @@ test("feet that walked without this device are not compared, because their clock
   const later = walked.map((stored) => ({ step: { ...stored.step, step: stored.step.step + 60 }, start_unix_s: stored.start_unix_s! + 9e4 }));
   const last = gaitOf(wire, { steps: [...walked, ...later], bouts: [], alerts: [] }, SETTINGS);
   expect([last.has_both_feet, last.strides.left]).toEqual([false, 98]);
+});
+
+test("the reason why the feet are not compared is the one that applies", () => {
+  const left = foot("left", 0, 0.8, 20);
+  expect(whyNotCompared(left)).toBe("The feet are not compared, because there are no steps of the right foot.");
+  expect(whyNotCompared([...left.slice(0, 1), ...foot("right", 0.5, 0.8, 1)])).toMatch(/yet, because there are too few steps so far\.$/);
+  expect(whyNotCompared([...left, ...foot("right", 7200, 0.8, 20)])).toMatch(/because they walked at different times\.$/);
+  const together = [...left, ...foot("right", 0.5, 0.8, 20)];
+  for (const inexact of [together.map((stored) => ({ ...stored, is_comparable: false })), together.map((stored) => ofEarlierBoot(stored, 1))]) {
+    expect(whyNotCompared(inexact)).toMatch(/because too few steps have exact times/);
+  }
 });
 
 test("of feet that walked at different times without this device, only the one that walked last is measured", () => {
