@@ -340,7 +340,8 @@ export class IdentifyController {
       this.looked_ms = now_ms;
       void this.look();
     }
-    fill("identify-open", [["closed", "done", "failed"].includes(this.session.phase) ? "Identify my tissue" : "Continue the identification"]);
+    const is_interrupted = this.has_stored && this.session.phase === "closed";
+    fill("identify-open", [is_interrupted || this.is_running ? "Continue the identification" : "Identify my tissue"]);
     if (!document.hidden && document.body.dataset["view"] === "identify") this.draw();
   }
 

@@ -127,7 +127,15 @@ function start(state: IdentifyState): Node[] {
     : "No insole is connected. Connect your insoles, then return to this view.";
   const sizes = Array.from({ length: SHOE_SIZES.max - SHOE_SIZES.min + 1 }, (_, i) => String(SHOE_SIZES.min + i));
   const option = (size: string): Node => ["option", size === String(shoe_size) ? { selected: "" } : {}, size];
+  const connect = button("connect", "Connect my insoles", "primary");
   return [
+    // On a phone, the wearer sees only the beginning of this text.
+    ...(is_elsewhere ? [note("An identification is open in another tab. Finish or close it there.")]
+      : has_stored ? [
+        note("A session was interrupted. Its steps are stored on this phone."),
+        sides.length > 0 ? button("resume", "Continue that session", "primary") : connect,
+        button("discard", "Delete that session"),
+      ] : []),
     ["p", {},
       `Stand for a moment, then walk ${TARGET_STEPS} steps with each foot. The phone computes how stiff your tissue is ` +
         `in each region. You can then send the result to your insoles, and check it on ${CHECK_STEPS} more steps.`],
@@ -142,15 +150,9 @@ function start(state: IdentifyState): Node[] {
     ...startProblems(state).map(note),
     ["label", { for: "shoe-size" }, "Shoe size (European)"],
     ["select", { id: "shoe-size" }, ...sizes.map(option)],
-    ...(is_elsewhere ? [note("An identification is open in another tab. Finish or close it there.")] : [
-      ...(has_stored ? [
-        note("A session was interrupted. Its steps are stored on this phone."),
-        ...(sides.length > 0 ? [button("resume", "Continue that session", "primary")] : []),
-        button("discard", "Delete that session"),
-      ] : []),
-      sides.length > 0 ? button("start", has_stored ? "Start a new session" : "Start", has_stored ? "" : "primary")
-        : button("connect", "Connect my insoles", "primary"),
-    ]),
+    ...(is_elsewhere ? []
+      : sides.length > 0 ? [button("start", has_stored ? "Start a new session" : "Start", has_stored ? "" : "primary")]
+      : has_stored ? [] : [connect]),
     soft("The result describes a model of your foot. It is no diagnosis."),
   ];
 }

@@ -69,6 +69,15 @@ test("an interrupted session is deleted together with the other data of the page
   expect([controller.has_stored, stored]).toEqual([false, []]);
 });
 
+test("the button in the settings names an interrupted session", async () => {
+  const { controller } = await load();
+  controller.tick(0);
+  expect(element("identify-open").content).toContain("Continue the identification");
+  await controller.deleteStored();
+  controller.tick(0);
+  expect(element("identify-open").content).toContain("Identify my tissue");
+});
+
 test("an accidental touch does not end the walk before it has all steps", async () => {
   const { controller, act } = await load();
   const finish = vi.spyOn(controller["session"], "finishWalk").mockReturnValue();

@@ -78,6 +78,18 @@ test("an interrupted session can be deleted without an insole", () => {
   expect(view("closed")).not.toContain('"data-action":"discard"');
 });
 
+test("an interrupted session is the first that the view shows", () => {
+  const actions = (text: string) => [...text.matchAll(/"data-action":"(\w+)"/g)].map(([, action]) => action);
+  const of = (side: string) => (side === "left" ? { state: "live" } : undefined);
+  const insoles = { of } as unknown as Insoles;
+  drawIdentify({ phase: "closed" } as IdentifySession, { insoles, shoe_size: 42, has_stored: true, is_elsewhere: false, now_ms: 0 });
+  const { content } = element("identify-body");
+  expect(content).toMatch(/^\[\["p",\{"class":"note"\},"A session was interrupted/);
+  expect(actions(content)).toEqual(["resume", "discard", "start"]);
+  // Without an insole, the first action connects one.
+  expect(actions(view("closed", [], true))).toEqual(["connect", "discard"]);
+});
+
 test("after a failure of the computation, the main action reloads the page, and the session is not deleted", () => {
   const primary = (text: string) => [...text.matchAll(/"data-action":"(\w+)","class":"primary"/g)].map(([, action]) => action);
   expect(primary(view("failed", [], false, true))).toEqual(["reload"]);
