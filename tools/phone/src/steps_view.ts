@@ -41,7 +41,7 @@ export function drawSteps(
   fill("measures", [
     card("Cadence", numberText(gait.cadence_per_min?.mean ?? null, 0), "steps per minute"),
     card(
-      count === undefined ? "Steps in the recording" : "Steps today",
+      count === undefined ? "Steps so far" : "Steps today",
       String(left + right),
       `left ${left}, right ${right}${count === undefined ? "" : `; ${count} stored in all`}`,
     ),

@@ -28,7 +28,7 @@ test("the steps of a recording are called neither those of today nor stored", ()
   drawSteps(STEPS, [1, 0], 12, GAIT, SETTINGS);
   expect(element("measures").content).toMatch(/Steps today.*left 1, right 0; 12 stored in all/);
   drawSteps(STEPS, [1, 0], undefined, GAIT, SETTINGS);
-  expect(element("measures").content).toMatch(/Steps in the recording.*left 1, right 0"/);
+  expect(element("measures").content).toMatch(/Steps so far.*left 1, right 0"/);
   expect(element("measures").content).not.toMatch(/today|stored/);
 });
 

@@ -84,6 +84,16 @@ test("a recording shows both feet, their steps and measures", async () => {
   await page.close();
 });
 
+test("on a web server at localhost without plantar serve, the page offers the example walk", async () => {
+  const page = await served.browser.newPage({ viewport: PHONE });
+  await page.goto(served.url);
+  await page.getByText("plantar serve does not answer").waitFor();
+  await page.locator("#walk").click();
+  await firstLoad_ms(page);
+  expect(await page.locator("#start").isHidden()).toBe(true);
+  await page.close();
+});
+
 test("the steps of a recording are not shown together with the wearer's steps", async () => {
   const page = await open(served.browser, replay, { viewport: PHONE });
   await page.evaluate(() => {
@@ -255,8 +265,8 @@ test("a body mass or stride length out of range is refused with the limits", asy
   await enter(page, "#stride", "");
   expect(await notes()).toEqual(["", ""]);
   // The first digits of a value are no error, and are not stored.
-  for (const field of ["#mass", "#stride"]) {
-    await page.locator(field).pressSequentially("8");
+  for (const [field, digits] of [["#mass", "80"], ["#stride", "8"]] as const) {
+    await page.locator(field).pressSequentially(digits);
     expect(await notes()).toEqual(["", ""]);
   }
   expect(await stored()).toMatchObject({ stride_cm: null });
