@@ -553,7 +553,9 @@ export class Alerts {
   /** Sentences on these insoles, which did not accept the last change of the switch. */
   private refusals(unchanged: readonly Session[]): string[] {
     const state = this.change.is_on ? "off" : "on";
-    const sentences = unchanged.map(({ hello }) => `The ${hello?.side} insole did not accept the change: its alerts are ${state}.`);
+    const sentences = unchanged.map(
+      ({ hello }) => `The ${hello?.side} insole did not accept the change: its alerts are ${state}.`,
+    );
     return sentences.length > 0 && this.refusal ? [...sentences, `The reason: ${this.refusal}.`] : sentences;
   }
 

@@ -333,7 +333,8 @@ export class IdentifySession {
     const { excluded } = collected;
     const { excluded: previous } = before;
     const remark = excluded.broken > previous.broken
-      ? this.is_radio ? "Stop walking. Data were lost. Hold the phone closer to your feet, then continue." : "Data of that step were lost."
+      ? (this.is_radio ? "Stop walking. Data were lost. Hold the phone closer to your feet, then continue."
+        : "Data of that step were lost.")
       : excluded.partial > previous.partial ? "That step had too little load. Walk straight, at your usual pace." : "";
     if (remark && now_ms - this.remarked_ms >= REMARK_MS) {
       this.remarked_ms = now_ms;

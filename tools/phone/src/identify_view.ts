@@ -233,7 +233,8 @@ function failedTransfers(session: IdentifySession): Node[] {
   const words = ({ side, refusal, unstored }: Foot) =>
     unstored ? `The ${side} insole will lose your parameters when it restarts: ${unstored}.`
     : refusal ? `The ${side} insole did not accept the parameters: ${refusal}.`
-    : `The ${side} insole did not answer, so it may not have your parameters.${session.is_radio ? " Hold the phone closer to it." : ""}`;
+    : `The ${side} insole did not answer, so it may not have your parameters.` +
+      (session.is_radio ? " Hold the phone closer to it." : "");
   const failed = session.feet.filter(({ sent, unstored }) => sent === "failed" || unstored);
   const notes = failed.map((foot) => note(words(foot)));
   // The same refusal would follow, unless the wearer has changed something.

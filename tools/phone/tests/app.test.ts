@@ -4,6 +4,7 @@ import type { Step } from "../src/generated/quantities";
 import { NOT_DELETED } from "../src/identify_controller";
 import { DatabaseStorage, type NewRecord, TemporaryStorage } from "../src/step_storage";
 import { StepStore } from "../src/step_store";
+import { drawSteps } from "../src/steps_view";
 import { BluetoothTransport } from "../src/transport/bluetooth";
 import { WebSocketTransport } from "../src/transport/websocket";
 import { element } from "./elements";
@@ -210,6 +211,18 @@ test("while plantar serve has never answered, the page offers Bluetooth and the 
   message(0, messagesOf(0)[0]!);
   for (const insole of [0, 1] as const) closed(insole, "plantar serve does not answer");
   expect(is_hidden()).toBe(true);
+});
+
+test("the wearer's stride length gives no speed to a recording, and its steps are not counted as stored", () => {
+  const app = new App(wire);
+  app["settings"].stride_cm = 150;
+  const gait = vi.spyOn(wire, "gait");
+  const drawn = (is_replay: boolean) => {
+    Object.assign(app["insoles"], { transport: { is_replay } });
+    app["stepsChanged"]();
+    return [gait.mock.lastCall?.[2], vi.mocked(drawSteps).mock.lastCall?.[2]];
+  };
+  expect([drawn(true), drawn(false)]).toEqual([[0, undefined], [1.5, 0]]);
 });
 
 test("a text that only contains the word reload has no button that reloads the page", () => {

@@ -101,6 +101,13 @@ test("the records of version 1 of the database are moved, counted by day and exp
   const rows = readFileSync(await download.path(), "utf8").trimEnd().split("\n");
   expect(rows).toHaveLength(1 + 8 * messages.length);
   expect(new Set(rows.slice(1).map((row) => row.split(",")[0])).size).toBe(messages.length);
+  // After the steps are deleted, the page confirms it where the wearer sees it.
+  page.on("dialog", (dialog) => void dialog.accept());
+  await page.locator("#clear").click();
+  await page.locator("#notes", { hasText: "All steps and loads on this device are deleted." }).waitFor();
+  await expect.poll(() => page.evaluate(() => document.activeElement?.id)).toBe("notes");
+  await page.locator("nav [data-to=steps]").click();
+  await page.locator("#no-steps").waitFor();
   await context.close();
 });
 
