@@ -4,12 +4,12 @@ use crate::gait::note_different_origins;
 use crate::paths::{check_folders, check_written};
 use crate::setup::{InsoleArgs, note_unless_personal, note_unless_same_foot};
 use crate::summary::counted;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::{Args, Subcommand};
 use export::motion_bids::Names;
 use export::{Foot, Session};
-use recording::Recording;
-use std::path::PathBuf;
+use recording::{Recording, output};
+use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
 pub enum Export {
@@ -47,7 +47,7 @@ pub struct Options {
     /// The recording of one foot, or the recordings of both feet on one clock.
     #[arg(required = true, num_args = 1..=2, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// The file or folder to write.
+    /// The file to write, with the extension of the format, or the folder of Motion-BIDS.
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
     /// Export from this time on, s, on the clock of the recording. The computation still begins with the recording's first
@@ -77,6 +77,7 @@ impl Export {
         let out = &options.out;
         check_written(&options.insole.inputs(&options.recordings), &[Some(out)])?;
         check_folders(&[Some(out)])?;
+        self.check_extension(out)?;
         // Only these formats contain results of the model.
         let session = options.session(matches!(self, Self::Mat(_) | Self::Mcap(_)))?;
         match self {
@@ -92,6 +93,23 @@ impl Export {
         }
         let steps: usize = session.feet.iter().map(|foot| foot.steps.len()).sum();
         eprintln!("{}: {}, {}", out.display(), counted(session.frames(), "frame"), counted(steps, "step"));
+        Ok(())
+    }
+
+    /// Checks the extension of the file to write, so that a file in one format does not replace a result in another.
+    fn check_extension(&self, out: &Path) -> Result<()> {
+        let extension = match self {
+            Self::C3d(_) => "c3d",
+            Self::Mot(_) => "mot",
+            Self::Sto(_) => "sto",
+            Self::Mat(_) => "mat",
+            Self::Csv(_) => "csv",
+            Self::Mcap(_) => "mcap",
+            // This format is a folder.
+            Self::MotionBids { .. } => return Ok(()),
+        };
+        output::check_file_name(out)?;
+        ensure!(out.extension().is_some_and(|of| of == extension), "{}: use the extension .{extension}", out.display());
         Ok(())
     }
 }

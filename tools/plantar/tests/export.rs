@@ -51,12 +51,17 @@ fn fail(folder: &Path, arguments: &str, words: &[&str]) {
 
 const FORMATS: [&str; 7] = ["c3d", "mot", "sto", "mat", "motion-bids", "csv", "mcap"];
 
+/// The file of this name with the extension of a format; Motion-BIDS is a folder.
+fn with_extension(name: &str, format: &str) -> String {
+    if format == "motion-bids" { name.into() } else { format!("{name}.{format}") }
+}
+
 #[test]
 fn every_format_is_written_for_one_foot_and_for_both() {
     let folder = folder();
     for format in FORMATS {
         for recordings in ["left.parquet", "right.parquet left.parquet"] {
-            let out = format!("{format}-{}", recordings.len());
+            let out = with_extension(&format!("{format}-{}", recordings.len()), format);
             let output = export(folder.path(), &format!("{format} {recordings} --out {out}"));
             let text = String::from_utf8_lossy(&output.stderr);
             assert!(output.status.success() && text.contains("steps"), "{out}: {text}");
@@ -144,10 +149,10 @@ fn a_part_of_a_recording_is_exported() {
 fn unusable_recordings_and_options_are_refused_with_the_remedy() {
     let folder = folder();
     let folder = folder.path();
-    fail(folder, "csv missing.parquet --out a", &["missing.parquet", "check the path"]);
-    fail(folder, "csv left.parquet left.parquet --out a", &["left foot", "one recording for each foot"]);
-    fail(folder, "csv left.parquet slow.parquet --out a", &["slow.parquet", "50", "--rate"]);
-    fail(folder, "csv left.parquet --from 100 --out a", &["left.parquet", "--from", "within the recording"]);
+    fail(folder, "csv missing.parquet --out a.csv", &["missing.parquet", "check the path"]);
+    fail(folder, "csv left.parquet left.parquet --out a.csv", &["left foot", "one recording for each foot"]);
+    fail(folder, "csv left.parquet slow.parquet --out a.csv", &["slow.parquet", "50", "--rate"]);
+    fail(folder, "csv left.parquet --from 100 --out a.csv", &["left.parquet", "--from", "within the recording"]);
     fail(folder, "csv left.parquet --out ./left.parquet", &["left.parquet", "input of this command", "another file"]);
     fail(folder, "motion-bids left.parquet --task one_two --out a", &["one_two", "letters and digits"]);
     fail(folder, "motion-bids left.parquet --subject '' --out a", &["letters and digits"]);
@@ -157,12 +162,33 @@ fn unusable_recordings_and_options_are_refused_with_the_remedy() {
 fn an_output_that_cannot_be_written_is_named_and_leaves_nothing() {
     let folder = folder();
     let folder = folder.path();
-    std::fs::create_dir(folder.join("existing")).expect("created");
     for format in FORMATS {
-        fail(folder, &format!("{format} left.parquet --out nowhere/a"), &["nowhere/a", "check the path"]);
-        fail(folder, &format!("{format} left.parquet --out existing"), &["existing"]);
-        fail(folder, &format!("{format} left.parquet --out full"), &["full", "the free disk space"]);
+        let fail = |name: &str, words: &[&str]| {
+            fail(folder, &format!("{format} left.parquet --out {}", with_extension(name, format)), words);
+        };
+        std::fs::create_dir_all(folder.join(with_extension("existing", format))).expect("created");
+        fail("nowhere/a", &["nowhere/a", "check the path"]);
+        fail("existing", &["existing"]);
+        fail("full", &["full", "the free disk space"]);
     }
+}
+
+#[test]
+fn a_file_with_the_extension_of_another_format_is_refused() {
+    let folder = folder();
+    let path = folder.path().join("steps.csv");
+    std::fs::write(&path, "precious").expect("written");
+    for (arguments, words) in [
+        ("c3d left.parquet --out steps.csv", "steps.csv: use the extension .c3d"),
+        ("mot left.parquet --out walk.sto", "walk.sto: use the extension .mot"),
+        ("sto left.parquet --out walk.mot", "walk.mot: use the extension .sto"),
+        ("csv left.parquet --out walkcsv", "walkcsv: use the extension .csv"),
+        ("mat left.parquet --out walk.parquet", "walk.parquet: use the extension .mat"),
+        ("mcap left.parquet --out walk.csv", "walk.csv: use the extension .mcap"),
+    ] {
+        fail(folder.path(), arguments, &[words]);
+    }
+    assert_eq!(std::fs::read_to_string(&path).expect("a file"), "precious");
 }
 
 /// A file that exists is replaced only by a complete one.
