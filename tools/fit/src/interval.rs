@@ -24,7 +24,8 @@ pub struct Interval {
     /// True if the estimate is at a bound of the search.
     pub at_bound: bool,
     /// True if the force determines the parameter. Without a prior, it is false for a parameter on which the force does not
-    /// depend, such as m if G is 0; with a prior, for one that the force leaves nearly as uncertain as it is among people.
+    /// depend, such as m if G is 0; with a prior, for one that the force leaves nearly as uncertain as it is among people, and
+    /// for an A B, K or G of which the ends of `jacobian` differ by more than a factor of 100.
     pub is_identifiable: bool,
 }
 
@@ -101,6 +102,8 @@ pub fn covariance(samples: &Samples, prior: &Prior, identified: &Identified, var
 
 /// A coordinate whose standard deviation is more than this fraction of that among people is not determined by the force.
 const UNDETERMINED: f64 = 0.8;
+/// An A B, K or G is not determined by the force if the ratio of the ends of its interval is above this value.
+const WIDEST_RATIO: f64 = 100.0;
 /// An n or a logit of `max_ratio` counts as at its lower bound if it exceeds the bound by less than this value, and an n or m as
 /// at its upper bound if ln(n + 0.95) or ln m is below that of the bound by less than this value. A `max_ratio` counts as at its
 /// upper bound, 1, if it is below 1 by less than a hundredth of this value.
@@ -138,9 +141,12 @@ pub fn from_posterior(
             _ => prior.deviation[coordinate[i]],
         };
         let variance = if i == 2 { damping_variance } else { covariance[(coordinate[i], coordinate[i])] };
+        let [low, high] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
+        // An n or m has no ratio, because n can be negative.
+        let is_too_wide = i < 3 && high > WIDEST_RATIO * low;
         Interval {
             value: values[i],
-            jacobian: [ends[0].min(ends[1]), ends[0].max(ends[1])],
+            jacobian: [low, high],
             bootstrap: None,
             at_bound: match i {
                 0 => identified.shape.max_ratio > 1.0 - 0.01 * AT_BOUND || at[0] < prior::LEAST_LOGIT + AT_BOUND,
@@ -148,7 +154,7 @@ pub fn from_posterior(
                 4 => at[2] > prior::LN_LARGEST_EXPONENT - AT_BOUND,
                 _ => false,
             },
-            is_identifiable: variance.sqrt() < UNDETERMINED * deviation_of_prior,
+            is_identifiable: variance.sqrt() < UNDETERMINED * deviation_of_prior && !is_too_wide,
         }
     };
     // ln A B decreases with the coordinate of `max_ratio`.

@@ -6,6 +6,7 @@ use fit::measures::Quantity;
 use fit::prior::{self, Coordinates, Prior, WALKERS};
 use fit::synthetic::{Noise, curves, law, walk};
 use fit::{Filter, Options, RegionCurves, Samples, interval};
+use nalgebra::Matrix5;
 use plantar::pipeline::model::ForceLaw;
 use std::f64::consts::PI;
 
@@ -127,6 +128,22 @@ fn a_fit_that_ends_at_the_largest_exponent_is_marked() {
             marked += usize::from(interval.at_bound);
         }
         assert!(marked > 0, "no fit ends at the largest {name}");
+    }
+}
+
+/// With the standard deviations 0.1 and 0.2 of the logarithms and one degree of freedom, the ends of the intervals of K and G
+/// differ by the factors 12.7 and 161.
+#[test]
+fn a_k_or_g_that_is_uncertain_by_a_factor_of_more_than_100_is_not_determined() {
+    let prior = &WALKERS[0];
+    let identified = prior::parameters(&Coordinates::new(2.0, -0.5, 0.0, 10.0, 7.0), 0.0, 0);
+    let noise = interval::Noise { variance: 1.0, degrees_of_freedom: 1.0 };
+    for (deviation, is_determined) in [(0.1_f64, true), (0.2, false)] {
+        let covariance = Matrix5::identity() * deviation.powi(2);
+        let uncertainty = interval::from_posterior(1e-3, prior, &identified, &noise, &covariance);
+        for interval in &uncertainty.intervals[1..3] {
+            assert_eq!(interval.is_identifiable, is_determined, "{interval:?}");
+        }
     }
 }
 

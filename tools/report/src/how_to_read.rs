@@ -46,7 +46,8 @@ pub fn instructions(options: &Options) -> Markup {
             "Compare people by the mechanical quantities. The force of this person does not determine the value of a parameter \
              with the mark †: "
             @if options.prior.is_some() {
-                "it is close to the usual value of other people, or has no meaning if G, and with it c, is 0."
+                "it is close to the usual value of other people, is uncertain by a factor of more than 100, or has no meaning if \
+                 G, and with it c, is 0."
             } @else {
                 "it has no meaning."
             }

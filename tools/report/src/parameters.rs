@@ -93,7 +93,7 @@ fn row(study: &Study, parameter: usize, region: usize) -> Row {
 /// The legend of the marks.
 pub fn legend(study: &Study) -> Vec<Drawing> {
     let undetermined = match study.options.prior {
-        Some(_) => "not determined: close to the usual value of other people",
+        Some(_) => "not determined: close to the usual value of other people, or uncertain by a factor above 100",
         None => "not determined: without meaning",
     };
     drawing::legend_entries([
@@ -109,7 +109,10 @@ pub fn legend(study: &Study) -> Vec<Drawing> {
 /// The value of a parameter that the force does not determine. `damping` is the symbol of the damping parameter in the table.
 fn undetermined(study: &Study, damping: &str) -> String {
     match study.options.prior {
-        Some(_) => format!("close to the usual value of other people, or without meaning if {damping} is 0"),
+        Some(_) => format!(
+            "close to the usual value of other people, uncertain by a factor of more than 100, or without meaning if \
+             {damping} is 0"
+        ),
         None => "without meaning".into(),
     }
 }
