@@ -6,7 +6,7 @@ use crate::measures::{SCALE_CHANGE, ScaleEffect, ScaledValues};
 use crate::sensitivity::{MainResults, Sensitivity};
 use crate::study::Source;
 use crate::{Method, NotFitted, RegionFit, Study};
-use parameters::{DeformationScale, Identified, InsoleSize, Parameters};
+use parameters::{BOTH, DeformationScale, Identified, InsoleSize, Parameters};
 use plantar::{Region, Side};
 use serde_json::{Map, Value, json};
 
@@ -44,16 +44,10 @@ pub fn parameters(study: &Study, size: InsoleSize) -> Parameters {
     let mut parameters = Parameters::typical(size);
     parameters.subject.clone_from(&study.participant);
     parameters.personal = true;
-    let has = |side: Side| study.steps.iter().any(|step| step.side == side);
-    let side = match (has(Side::Left), has(Side::Right)) {
-        (true, true) => "both",
-        (true, false) => Side::Left.name(),
-        _ => Side::Right.name(),
-    };
     parameters.identified = Some(Identified {
         filter: study.options.filter.name().into(),
         contact: study.contact,
-        side: side.into(),
+        side: study.side().map_or(BOTH, Side::name).into(),
         steps: study.steps.len() as u32,
         regions: Region::ALL
             .into_iter()
@@ -90,7 +84,9 @@ fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> Strin
     let identified = |i: usize, scale: f64, unit: &str| -> String {
         let interval = &uncertainty.intervals[i];
         if !interval.is_identifiable {
-            return "NOT determined by the force: the usual value of other people, or without meaning if G is 0".into();
+            return "NOT determined by the force: close to the usual value of other people, uncertain by a factor of more than \
+                    100, or without meaning if G is 0"
+                .into();
         }
         let [low, high] = widest(interval).map(|end| significant(end * scale));
         let bound = if interval.at_bound { ", at a bound of the search" } else { "" };

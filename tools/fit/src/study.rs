@@ -123,6 +123,12 @@ impl Study {
         Ok(())
     }
 
+    /// The foot of all steps; `None` if there are steps of both feet, or none.
+    pub fn side(&self) -> Option<Side> {
+        let side = self.steps.first()?.side;
+        self.steps.iter().all(|step| step.side == side).then_some(side)
+    }
+
     /// True if all regions were fitted and none of their results has a defect: see [`RegionFit::defects`].
     pub fn is_whole(&self) -> bool {
         !self.fits.is_empty() && self.fits.iter().all(|fit| fit.as_ref().is_ok_and(|fit| fit.defects.is_empty()))

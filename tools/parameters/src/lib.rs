@@ -24,6 +24,9 @@ use thiserror::Error;
 /// Version of the file format.
 const VERSION: u32 = 1;
 
+/// The end of the message on a file that is not a file of parameters.
+const EXPECTED: &str = "expected a file of parameters (TOML), as `plantar fit` and `plantar params` write it";
+
 /// The reason why a file of parameters, of tissue measurements or of a participant cannot be used.
 #[derive(Debug, Error)]
 pub enum Error {
@@ -106,7 +109,7 @@ impl Identified {
 
     /// True if the parameters were identified from the other foot only.
     pub fn is_of_other_foot(&self, side: Side) -> bool {
-        self.side != side.name() && self.side != "both"
+        self.side != side.name() && self.side != BOTH
     }
 
     /// A note if the parameters were identified from the other foot only; otherwise `None`.
@@ -162,7 +165,7 @@ pub const SMOOTHED: &str = "smoothed";
 /// The former name of [`SMOOTHED`], in files that were written when insoles smoothed as in the paper.
 const FORMERLY_SMOOTHED: &str = "step";
 /// [`Identified::side`] of parameters that were identified from both feet.
-const BOTH: &str = "both";
+pub const BOTH: &str = "both";
 
 /// The field `version`, which is checked before all others, because a file of another version may have other fields.
 #[derive(Deserialize)]
@@ -219,9 +222,7 @@ impl Parameters {
         let bytes = std::fs::read(path).map_err(|e| Error::Io(path.into(), e))?;
         let text = String::from_utf8(bytes).map_err(|_| Error::Form {
             file: path.into(),
-            problem: "the file is not UTF-8 text: expected a file of parameters (TOML), as `plantar fit` and \
-                 `plantar params` write it"
-                .into(),
+            problem: format!("the file is not UTF-8 text; {EXPECTED}"),
         })?;
         Self::parse(&text, path)
     }
@@ -232,7 +233,7 @@ impl Parameters {
     /// As [`Parameters::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let form = |problem: String| Error::Form { file: path.into(), problem };
-        let malformed = |e: toml::de::Error| form(message(&e));
+        let malformed = |e: toml::de::Error| form(format!("{}; {EXPECTED}", message(&e)));
         let Version { version } = toml::from_str(text).map_err(malformed)?;
         if version != VERSION {
             return Err(form(format!(

@@ -13,10 +13,10 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use fit::fixed::COMPRESSION;
 use fit::interval::RESAMPLES;
-use fit::study::Source;
 use fit::{Filter, Method, Options, Step, Study};
 use live::LiveSource;
-use parameters::{InsoleSize, TissueMeasurements};
+use parameters::{BOTH, InsoleSize, Parameters, TissueMeasurements};
+use plantar::Side;
 use plantar::checksum::crc32;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
@@ -43,9 +43,9 @@ pub struct Fit {
     /// The recordings and recorded live streams, all of one person.
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// The parameter file to write.
-    #[arg(long, value_name = "FILE", default_value = "params.toml")]
-    out: PathBuf,
+    /// The parameter file to write [default: params.toml, unless this file has the parameters of another person or foot].
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
     /// Write a report with pictures to this HTML file, which can be read without a network. For the report, the fit is repeated
     /// with other contact rules, filters and steps, unless the method is that of the paper.
     #[arg(long, value_name = "FILE")]
@@ -126,6 +126,9 @@ enum MethodName {
     Paper,
 }
 
+/// The parameter file to write if the user does not name one.
+const DEFAULT_OUT: &str = "params.toml";
+
 /// The numbers of the first and the last step.
 #[derive(Clone, Copy)]
 struct StepRange(u32, u32);
@@ -201,7 +204,7 @@ impl Fit {
     pub fn of_streams(streams: Vec<PathBuf>, participant: String, folder: &Path, search: Search) -> Self {
         Self {
             recordings: streams,
-            out: folder.join("params.toml"),
+            out: Some(folder.join(DEFAULT_OUT)),
             report: Some(folder.join("report.html")),
             #[cfg(feature = "png")]
             png: None,
@@ -239,7 +242,7 @@ impl Fit {
     pub fn run(&self) -> Result<bool> {
         let read = self.recordings.iter().chain(&self.search.tissue).chain(&self.zero.zero);
         let written = [
-            Some(self.out.as_path()),
+            Some(self.out()),
             self.report.as_deref(),
             self.json.as_deref(),
             #[cfg(feature = "png")]
@@ -253,6 +256,37 @@ impl Fit {
             study.sensitivity = Some(self.sensitivity(&study, &recordings));
         }
         self.write(&study)
+    }
+
+    /// The parameter file to write.
+    fn out(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new(DEFAULT_OUT))
+    }
+
+    /// Refuses to replace the default file if it has the parameters of another person or foot: the user has not named it.
+    fn check_default_file(&self, study: &Study) -> Result<()> {
+        let file = self.out();
+        if self.out.is_some() || !file.exists() {
+            return Ok(());
+        }
+        let existing = Parameters::read(file).with_context(|| {
+            format!("{} exists and would be replaced: name another file with --out", file.display())
+        })?;
+        let side = study.side().map_or(BOTH, Side::name);
+        let existing_side = existing.identified.as_ref().map_or(side, |identified| &identified.side);
+        if existing.personal && (existing.subject != study.participant || existing_side != side) {
+            let feet = |side| if side == BOTH { "both feet".into() } else { format!("{side} foot") };
+            bail!(
+                "{0} has the parameters of {1}, {2}, and those of {3}, {4}, would replace them: name another file with --out; \
+                 --out {0} replaces the file",
+                file.display(),
+                existing.subject,
+                feet(existing_side),
+                study.participant,
+                feet(side)
+            );
+        }
+        Ok(())
     }
 
     /// True if --steps selects the step.
@@ -283,7 +317,9 @@ impl Fit {
             }
             check_distinct_walks(&study)?;
         }
-        note_unless_same_sensor(&study);
+        // A live stream does not contain its layout.
+        let layouts = study.sources.iter().map(|source| (source.name.as_str(), &source.layout));
+        note_unless_same_sensor(layouts.filter(|(_, layout)| !layout.cells.is_empty()), "steps", "fit");
         if let Some(StepRange(first, last)) = self.steps {
             let numbers = || study.steps.iter().map(|step| step.number);
             let range = numbers().min().zip(numbers().max());
@@ -295,6 +331,10 @@ impl Fit {
                 );
             }
         }
+        if self.participant.is_none() && study.side().is_none() {
+            study.participant = without_side(&study.participant).into();
+        }
+        self.check_default_file(&study)?;
         let bar = progress(8, "regions");
         study.fit(&|_| bar.inc(1));
         bar.finish_and_clear();
@@ -321,7 +361,7 @@ impl Fit {
         if fitted > 0 {
             // If writing fails or is interrupted, an existing file with the previous parameters of the wearer is unchanged.
             let toml = fit::results::to_toml(study, self.search.size.unwrap_or_default());
-            output::file(&self.out, |to| to.write_all(toml.as_bytes()))?;
+            output::file(self.out(), |to| to.write_all(toml.as_bytes()))?;
         }
         if let Some(path) = &self.json {
             write_text(path, &serde_json::to_string_pretty(&fit::results::to_json(study))?)?;
@@ -334,9 +374,9 @@ impl Fit {
             write(path, &report::png(study)?)?;
         }
         if fitted == 0 {
-            bail!("no region could be fitted, for the reasons above; {} was not written", self.out.display());
+            bail!("no region could be fitted, for the reasons above; {} was not written", self.out().display());
         }
-        println!("wrote {}: {fitted} of 8 regions identified", self.out.display());
+        println!("wrote {}: {fitted} of 8 regions identified{}", self.out().display(), results::incomplete(study));
         Ok(study.is_whole())
     }
 }
@@ -421,19 +461,22 @@ impl Fit {
     }
 }
 
-/// Prints a note on stderr if recordings are of different sensors, or have cells of different sizes. A live stream does not
-/// contain its layout.
-fn note_unless_same_sensor(study: &Study) {
-    let mut recordings = study.sources.iter().filter(|source| !source.layout.cells.is_empty());
+/// Prints a note on stderr if recordings, given by name and layout, are of different sensors, or have cells of different sizes.
+/// `values` are the values that the command compares or fits, and `verb` is what it does.
+pub fn note_unless_same_sensor<'r>(
+    mut recordings: impl Iterator<Item = (&'r str, &'r Layout)>,
+    values: &str,
+    verb: &str,
+) {
     let Some(first) = recordings.next() else { return };
-    if let Some(other) = recordings.find(|source| !is_same_sensor(&first.layout, &source.layout)) {
-        let sensor = |Source { layout, name, .. }: &Source| {
+    if let Some(other) = recordings.find(|(_, layout)| !is_same_sensor(first.1, layout)) {
+        let sensor = |(name, layout): (&str, &Layout)| {
             format!("{}, {:.0} mm2 per cell, in {name}", layout.name, mean_mm2(layout))
         };
         eprintln!(
             "note: the recordings are of different sensors, or have cells of different sizes ({}; {}): areas and forces depend \
-             on the sensor and the size of its cells, so that these differences count as differences between the steps: import \
-             the recordings with the same --cells, or fit those of each sensor separately",
+             on the sensor and the size of its cells, so that these differences count as differences between the {values}: \
+             import the recordings with the same --cells, or {verb} those of each sensor separately",
             sensor(first),
             sensor(other)
         );
@@ -530,6 +573,15 @@ pub fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
+/// A name for both feet: the name of a file of one foot without the word for the foot at its end, which an import appends.
+fn without_side(name: &str) -> &str {
+    let without = |side: Side| match name.strip_suffix(side.name())? {
+        "" => Some("both feet"),
+        start => start.strip_suffix(['.', '-', '_', ' ']),
+    };
+    [Side::Left, Side::Right].into_iter().find_map(without).unwrap_or(name)
+}
+
 /// Writes a file. After a failure, an existing file is unchanged. The message of an error names the file.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     Ok(output::file(path, |to| to.write_all(bytes))?)
@@ -537,7 +589,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::is_same_sensor;
+    use super::{is_same_sensor, without_side};
     use plantar::Region;
     use recording::{Cell, Layout};
 
@@ -556,5 +608,18 @@ mod tests {
             assert_eq!(is_same_sensor(&left, &other), is_same, "{}", other.name);
         }
         assert!(is_same_sensor(&layout("sole_left", 9, 100.0), &layout("sole_right", 9, 100.0)));
+    }
+
+    #[test]
+    fn the_name_for_both_feet_has_no_word_for_one_of_them() {
+        for (name, both) in [
+            ("pedar.left", "pedar"),
+            ("ann-right", "ann"),
+            ("left", "both feet"),
+            ("bright", "bright"),
+            ("walk", "walk"),
+        ] {
+            assert_eq!(without_side(name), both);
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 pub mod output;
 
-use crate::fit::{Search, print_notes, write};
+use crate::fit::{Search, note_unless_same_sensor, print_notes, write};
 use crate::paths::{check_folders, check_written};
 use crate::people;
 use crate::replay::progress;
@@ -13,6 +13,7 @@ use clap::Args;
 use fit::agreement::{self, repeatability};
 use fit::trials::Trial;
 use parameters::Participant;
+use plantar::Side;
 use rayon::prelude::*;
 use recording::{RecordingReader, is_parquet};
 use std::collections::BTreeSet;
@@ -213,8 +214,20 @@ impl Repeat {
     }
 }
 
+/// Prints a note on stderr for each foot of which the trials of a person are of different sensors.
+fn note_different_sensors(recordings: &[PathBuf]) {
+    // A recording that cannot be opened is left out later, with the reason.
+    let head = |path: &PathBuf| Some((path.display().to_string(), RecordingReader::open(path).ok()?.head));
+    let heads: Vec<_> = recordings.iter().filter_map(head).collect();
+    for side in [Side::Left, Side::Right] {
+        let of_side = heads.iter().filter(|(_, head)| head.side == side);
+        note_unless_same_sensor(of_side.map(|(name, head)| (name.as_str(), &head.layout)), "trials", "compare");
+    }
+}
+
 /// Fits each recording of a person.
 fn trials_of(name: &str, person: &Person, recordings: &[PathBuf]) -> Trials {
+    note_different_sensors(recordings);
     let results: Vec<Result<_>> =
         recordings.par_iter().map(|path| fits::trial(person, RecordingReader::open(path)?, path)).collect();
     let mut of_person = Trials { name: name.into(), trials: Vec::new(), left_out: Vec::new(), incomplete: Vec::new() };

@@ -225,7 +225,7 @@ fn a_region_with_a_faulty_cell_is_named() {
     stuck.write(path.join("stuck.parquet")).expect("written");
     std::fs::write(path.join("stuck.plantar"), stream(&messages(&stuck, ContactRule::COVERED), 0)).expect("written");
     for (file, is_stuck) in [("walk.parquet", false), ("stuck.parquet", true), ("stuck.plantar", true)] {
-        let (status, out, err) = run(path, &format!("fit {file} --json fit.json"));
+        let (status, out, err) = run(path, &format!("fit {file} --json fit.json --out p.toml"));
         assert_eq!(status, if is_stuck { 3 } else { 0 }, "{file}: {out}{err}");
         for (name, region) in json(&path.join("fit.json"))["regions"].as_object().expect("regions") {
             let defects = region["defects"].as_array().expect("defects");
@@ -283,6 +283,52 @@ fn recordings_of_different_sensors_and_with_cells_of_different_sizes_are_noted()
     let sizes = err.split(" mm2 per cell, in ").map(|text| text.split(' ').next_back().expect("a number"));
     let sizes: Vec<f64> = sizes.take(2).map(|size| size.parse().expect("a number")).collect();
     assert!(err.contains(note) && sizes[1] > 2.0 * sizes[0] && err.contains("the same --cells"), "{err}");
+}
+
+#[test]
+fn the_default_file_of_another_person_or_foot_is_not_replaced() {
+    let folder = walk();
+    let path = folder.path();
+    succeed(path, "import synthetic --side left --steps 6 --out left.parquet");
+    succeed(path, "fit walk.parquet --participant ann");
+    let file = || std::fs::read_to_string(path.join("params.toml")).expect("a file");
+    let of_ann = file();
+    for (arguments, words) in [
+        ("fit walk.parquet --participant bob", ["ann, right foot", "bob, right foot", "--out params.toml replaces"]),
+        ("fit left.parquet --participant ann", ["ann, right foot", "ann, left foot", "another file with --out"]),
+    ] {
+        fail(path, arguments, &words);
+        assert_eq!(file(), of_ann);
+    }
+    succeed(path, "fit walk.parquet --participant ann --steps 0-3");
+    assert_ne!(file(), of_ann);
+    succeed(path, "fit walk.parquet --participant bob --out params.toml");
+    assert!(file().contains("bob"));
+    std::fs::write(path.join("params.toml"), "notes").expect("written");
+    fail(path, "fit walk.parquet", &["params.toml exists and would be replaced", "--out"]);
+}
+
+#[test]
+fn the_steps_of_each_foot_are_stated_if_both_are_fitted_together() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    succeed(path, "import synthetic --side left --steps 6 --out walk.left.parquet");
+    succeed(path, "import synthetic --side right --steps 5 --out walk.right.parquet");
+    let out = succeed(path, "fit walk.left.parquet walk.right.parquet --out p.toml");
+    assert!(out.contains("walk: 11 steps of 2 recordings"), "{out}");
+    assert!(out.contains("both feet together: 6 steps of the left foot and 5 steps of the right foot"), "{out}");
+    assert_eq!(Parameters::read(&path.join("p.toml")).expect("valid").subject, "walk");
+}
+
+#[test]
+fn the_last_line_states_how_many_regions_are_incomplete_and_why() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    succeed(path, "import synthetic --steps 1 --out walk.parquet");
+    let (status, out, _) = run(path, "fit walk.parquet");
+    let last = out.lines().last().expect("a line");
+    let words = "8 of 8 regions identified, 8 of them with INCOMPLETE results: only one step could be used";
+    assert!(status == 3 && last.contains(words), "{out}");
 }
 
 /// The force on the foot is 90 to 270 N.
@@ -439,14 +485,14 @@ fn a_stream_file_results_in_the_same_parameters_as_the_recording_of_all_cells() 
     both.extend(stream(&right, 0));
     both.truncate(both.len() - 3);
     std::fs::write(path.join("both.plantar"), &both).expect("written");
-    let (status, out, err) = run(path, "fit both.plantar --json both.json");
+    let (status, out, err) = run(path, "fit both.plantar --json both.json --out p.toml");
     assert_eq!(status, 0, "{out}{err}");
     assert!(out.contains("12 steps of 2 recordings") && err.contains("both.plantar is truncated"), "{out}{err}");
 
     // The foot of the second insole is not known, because neither its hello nor a step has arrived.
     left.retain(|message| matches!(message, ToHost::Live(_)));
     std::fs::write(path.join("one.plantar"), [stream(&left, 1), stream(&right, 0)].concat()).expect("written");
-    let (status, out, err) = run(path, "fit one.plantar --json one.json");
+    let (status, out, err) = run(path, "fit one.plantar --json one.json --out p.toml");
     assert_eq!(status, 0, "{out}{err}");
     assert!(out.contains("6 steps of 1 recording,") && err.contains("the foot is not known"), "{out}{err}");
 }
@@ -491,12 +537,12 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     fail(path, "fit missing.plantar", &["missing.plantar"]);
     // Zeros at the end, as after a loss of power of the computer, do not prevent the use of the messages before them.
     write("zeros.plantar", &[stream(&covered, 0), vec![0; 100]].concat());
-    succeed(path, "fit zeros.plantar");
+    succeed(path, "fit zeros.plantar --out p.toml");
     // Options that state the rule of the stream do not contradict it. A recording that is fitted together with a stream is
     // evaluated by the stream's rule.
-    succeed(path, "fit a.plantar --contact-full 150 --contact-on 10");
+    succeed(path, "fit a.plantar --contact-full 150 --contact-on 10 --out p.toml");
     succeed(path, "import synthetic --side left --steps 6 --out left.parquet");
-    let out = succeed(path, "fit left.parquet a.plantar --steps 0-2");
+    let out = succeed(path, "fit left.parquet a.plantar --steps 0-2 --out p.toml");
     assert!(out.contains("fraction sqrt(p / 150 kPa)"), "{out}");
 }
 
@@ -549,7 +595,7 @@ fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream
     let address = serve(messages);
     succeed(path, &format!("record --tcp {address} --out session --steps 6"));
     succeed(path, "fit walk.plantar --json stream.json");
-    let out = succeed(path, "fit session --json session.json");
+    let out = succeed(path, "fit session --json session.json --out p.toml");
     assert!(out.contains("session: 6 steps of 1 recording,"), "{out}");
     let (session, stream) = (json(&path.join("session.json")), json(&path.join("stream.json")));
     assert_eq!(session["steps"], stream["steps"]);
@@ -557,7 +603,7 @@ fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream
 
     // Recordings of the cells beside the tables are not used, and a note states this.
     std::fs::create_dir(path.join("session/cells")).expect("made");
-    let (status, _, notes) = run(path, "fit session --json cells.json");
+    let (status, _, notes) = run(path, "fit session --json cells.json --out p.toml");
     assert!(status == 0 && notes.contains("not the cells"), "{notes}");
 
     // A recording of the cells has the same steps as the tables.

@@ -1,8 +1,8 @@
 //! Tests `plantar repeat`: its results, and its messages about people and recordings that cannot be used.
 
 use plantar::Side;
-use recording::jiku;
 use recording::synthetic::{self, SyntheticWalk};
+use recording::{Recording, jiku};
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -88,7 +88,7 @@ fn a_quantity_that_differs_more_between_people_than_between_trials_has_a_high_ic
     }
     // The means are those of the values of `plantar fit` with the same recordings.
     let values = ["ann/a", "ann/b", "bob/a", "bob/b", "cid/a", "cid/b"].map(|trial| {
-        let (status, text) = plantar(&path, &format!("fit people/{trial}.parquet --json fit.json"));
+        let (status, text) = plantar(&path, &format!("fit people/{trial}.parquet --out p.toml --json fit.json"));
         assert!(matches!(status, Some(0 | 3)), "{text}");
         let heel = &json(&path.join("fit.json"))["regions"]["heel"];
         [&heel["quantities"]["force_at_70_percent_area_n"]["value"], &heel["ellipsoid"]["k_n_m3"]]
@@ -242,6 +242,21 @@ fn the_recordings_of_one_person_are_compared_without_an_icc() {
         "two or more people with two or more",
     ] {
         assert!(text.contains(words), "{words}: {text}");
+    }
+}
+
+#[test]
+fn trials_of_different_sensors_are_noted_for_each_foot() {
+    let (_folder, path) = study();
+    let mut recording = Recording::read(path.join("people/ann/b.parquet")).expect("a recording");
+    let compare = "repeat people/ann/a.parquet other.parquet";
+    recording.write(path.join("other.parquet")).expect("written");
+    assert!(!plantar(&path, compare).1.contains("different sensors"));
+    recording.layout.name = "emed plate".into();
+    recording.write(path.join("other.parquet")).expect("written");
+    let (_, text) = plantar(&path, compare);
+    for words in ["note: the recordings are of different sensors", "emed plate", "differences between the trials"] {
+        assert!(text.contains(words), "no \"{words}\" in {text}");
     }
 }
 

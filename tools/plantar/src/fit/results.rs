@@ -5,7 +5,7 @@ use crate::summary::{self, counted};
 use fit::measures::{Quantity, SCALE_CHANGE};
 use fit::results::{deformation_scale, significant, widest};
 use fit::{RegionFit, Study};
-use plantar::Region;
+use plantar::{Region, Side};
 
 /// Prints the results.
 pub fn print(study: &Study) {
@@ -17,6 +17,15 @@ pub fn print(study: &Study) {
         study.options.filter.name(),
         rule_in_words(&study.contact)
     );
+    if study.side().is_none() {
+        let of = |side| study.steps.iter().filter(|step| step.side == side).count();
+        println!(
+            "Note: the parameters are those of both feet together: {} of the left foot and {} of the right foot; fit each foot \
+             separately for its own parameters.",
+            counted(of(Side::Left), "step"),
+            counted(of(Side::Right), "step")
+        );
+    }
     for contact in &study.excluded_contacts {
         println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.reason);
     }
@@ -33,6 +42,19 @@ pub fn print(study: &Study) {
                 fit.warnings.iter().for_each(|warning| println!("    {warning}"));
             }
             Err(reason) => println!("{}: NOT FITTED, {reason}", region.name()),
+        }
+    }
+}
+
+/// The number of regions with incomplete results and the reason, as the end of a line; empty if there are none.
+pub fn incomplete(study: &Study) -> String {
+    let defects: Vec<_> = study.fits.iter().flatten().map(|fit| &fit.defects).filter(|it| !it.is_empty()).collect();
+    match &defects[..] {
+        [] => String::new(),
+        [first, others @ ..] => {
+            let is_same = first.len() == 1 && others.iter().all(|other| other == first);
+            let reason = if is_same { &first[0] } else { "see above for the reasons" };
+            format!(", {} of them with INCOMPLETE results: {reason}", defects.len())
         }
     }
 }
@@ -72,7 +94,10 @@ fn print_parameters(study: &Study) {
     summary::align(&mut table);
     println!("{table}");
     let undetermined = match study.options.prior {
-        Some(_) => "close to the usual value of other people, or without meaning if G is 0",
+        Some(_) => {
+            "close to the usual value of other people, uncertain by a factor of more\n\
+             than 100, or without meaning if G is 0"
+        }
         None => "without meaning",
     };
     println!(
