@@ -423,7 +423,11 @@ fn print(gait: &Gait, length: Option<Length>) {
     }
     align(&mut table);
     println!("Mean ± standard deviation, and 95 % confidence interval of the mean:\n{table}");
-    println!("The symmetry index is 0 for equal feet and positive if the left value is larger.");
+    println!(
+        "The symmetry index is 0 for equal feet and positive if the left value is larger. It is the mean over the pairs of a \
+         left stride and the right stride that begins within it, and differs from the index of the means of the feet, which \
+         include strides without such a partner."
+    );
     let mut of_feet = MEASURES.iter().zip(&gait.symmetry_percent);
     if of_feet.any(|(measure, index)| measure.key == "peak_force_n" && index.is_some()) {
         println!(
@@ -491,15 +495,29 @@ fn mean_force_n(gait: &Gait) -> Option<f64> {
 
 /// Formats an estimate with its standard deviation and its confidence interval, as far as they exist.
 fn to_text(estimate: &Estimate, digits: usize) -> String {
-    let sd = estimate.sd.map_or(String::new(), |sd| format!(" ± {sd:.digits$}"));
+    // A negative value that is rounded to 0 is printed without a sign.
+    let rounded = |value: f64| {
+        let text = format!("{value:.digits$}");
+        let unsigned = text.strip_prefix('-').filter(|digits| digits.bytes().all(|digit| matches!(digit, b'0' | b'.')));
+        unsigned.map_or(text.clone(), String::from)
+    };
+    let sd = estimate.sd.map_or(String::new(), |sd| format!(" ± {}", rounded(sd)));
     let interval =
-        estimate.interval.map_or(String::new(), |[low, high]| format!(" ({low:.digits$} to {high:.digits$})"));
-    format!("{:.digits$}{sd}{interval}", estimate.mean)
+        estimate.interval.map_or(String::new(), |[low, high]| format!(" ({} to {})", rounded(low), rounded(high)));
+    format!("{}{sd}{interval}", rounded(estimate.mean))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::is_same_but_for_the_foot;
+    use super::{is_same_but_for_the_foot, to_text};
+    use client::gait::Estimate;
+
+    #[test]
+    fn a_value_that_is_rounded_to_0_has_no_sign() {
+        let estimate = |mean, interval| Estimate { count: 9, mean, sd: Some(0.0002), interval };
+        assert_eq!(to_text(&estimate(-0.0004, Some([-0.0012, 0.0])), 3), "0.000 ± 0.000 (-0.001 to 0.000)");
+        assert_eq!(to_text(&estimate(-10.0, None), 0), "-10 ± 0");
+    }
 
     #[test]
     fn files_of_one_measurement_differ_in_the_foot_only() {

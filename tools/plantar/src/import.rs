@@ -1,9 +1,9 @@
 //! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
 use crate::gait::note_different_origins;
-use crate::paths::{check_written, of_foot};
+use crate::paths::check_written;
 use crate::replay::progress;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand, ValueEnum};
 use plantar::Side;
 use recording::synthetic::{self, SyntheticWalk};
@@ -110,6 +110,9 @@ pub enum Import {
         out: Out,
     },
     /// Compute a walk on an insole with 240 cells, for first experiments. It is not a measurement.
+    ///
+    /// The walk of the left foot begins half a stride after that of the right foot, as in a walk with both feet. In walks of some
+    /// hundred steps, this lag changes, because the steps of each foot vary independently.
     Synthetic {
         /// The foot to compute.
         #[arg(long, value_enum, default_value_t = Foot::Right)]
@@ -157,7 +160,7 @@ impl Like {
                  two"
             );
         }
-        let pair = [Side::Left, Side::Right].map(|side| of_foot(like, side));
+        let pair = [Side::Left, Side::Right].map(|side| output::of_foot(like, side));
         let mut found: Vec<_> = pair.iter().filter(|path| path.exists()).collect();
         // If there is neither a file with this name nor a pair, the error names this file.
         if like.exists() || found.is_empty() {
@@ -244,6 +247,7 @@ impl Import {
     pub fn run(&self) -> Result<()> {
         let import = |format: Format, vendor: &Vendor| {
             let earlier = vendor.like.open(&vendor.out)?;
+            check_no_folder(&vendor.file)?;
             let export = format.import(&vendor.file, vendor.side.map(Side::from), &earlier)?;
             vendor.out.write_feet(export, &read_files(slice::from_ref(&vendor.file), &earlier))
         };
@@ -266,6 +270,7 @@ impl Import {
                 let earlier = like.open(out)?;
                 let mut all = Export { feet: Vec::new(), remarks: Vec::new() };
                 for file in files {
+                    check_no_folder(file)?;
                     let Export { feet, remarks } = export::import(file, side.map(Side::from), &earlier)?;
                     all.feet.extend(feet);
                     all.remarks.extend(remarks.into_iter().map(|remark| match files.len() {
@@ -292,6 +297,7 @@ impl Import {
             }
             Self::Pedar { file, geometry, side, fixed, out } => {
                 fixed.check(geometry)?;
+                check_no_folder(file)?;
                 if side.is_none() && pedar::feet(file)? == 1 {
                     bail!("{}: the export contains one foot; state it with --side", file.display());
                 }
@@ -313,10 +319,25 @@ impl Import {
                 if !(1..=10_000).contains(steps) {
                     bail!("--steps {steps}: expected 1 to 10000");
                 }
-                let walk = SyntheticWalk { side: (*side).into(), steps: *steps, ..SyntheticWalk::default() };
-                out.write(synthetic::walk(&walk).recording, &out.out)
+                out.write(synthetic::walk(&synthetic_walk((*side).into(), *steps)).recording, &out.out)
             }
         }
+    }
+}
+
+/// Refuses a folder in the place of an exported file.
+fn check_no_folder(file: &Path) -> Result<()> {
+    ensure!(!file.is_dir(), "{} is a folder: name the exported files in it", file.display());
+    Ok(())
+}
+
+/// The parameters of the computed walk of a foot. The left foot begins half a stride after the right one, and its steps vary by
+/// another seed, so that the recordings of both feet together are those of a walk.
+fn synthetic_walk(side: Side, steps: usize) -> SyntheticWalk {
+    let right = SyntheticWalk { side, steps, ..SyntheticWalk::default() };
+    match side {
+        Side::Left => SyntheticWalk { delay_s: (right.stance_s + right.swing_s) / 2.0, seed: right.seed + 1, ..right },
+        Side::Right => right,
     }
 }
 
@@ -364,7 +385,7 @@ impl Out {
 
     /// The output file of the only foot if `side` is `None`, or of this foot of a pair.
     fn path(&self, side: Option<Side>) -> PathBuf {
-        side.map_or_else(|| self.out.clone(), |side| of_foot(&self.out, side))
+        side.map_or_else(|| self.out.clone(), |side| output::of_foot(&self.out, side))
     }
 
     /// The rate of the recording to write, Hz, if the option is given.

@@ -1,7 +1,6 @@
 //! Prevents a command from overwriting its inputs, or one of its outputs with another.
 
 use anyhow::{Result, ensure};
-use plantar::Side;
 use recording::is_parquet;
 use std::path::{Path, PathBuf};
 
@@ -16,18 +15,6 @@ pub fn resolved(path: &Path) -> PathBuf {
     // A file that does not exist yet cannot be resolved, but its folder can.
     let in_folder = || Some(folder_of(path)?.join(path.file_name()?));
     path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.into())
-}
-
-/// The file of one foot of a pair that is named `path`: `NAME.left.parquet` or `NAME.right.parquet` for `NAME.parquet` or `NAME`.
-pub fn of_foot(path: &Path, side: Side) -> PathBuf {
-    // A name such as `trial-1.1` has no ending to replace.
-    let stem = match path.extension() {
-        Some(ending) if ending == "parquet" => path.with_extension(""),
-        _ => path.to_owned(),
-    };
-    let mut path = stem.into_os_string();
-    path.push(format!(".{}.parquet", side.name()));
-    path.into()
 }
 
 /// True if a file at `path` would replace a Parquet file in one of the folders `read`, or be read together with those there.

@@ -333,6 +333,19 @@ fn errors_for_recordings_name_the_file_the_line_and_the_remedy() {
 }
 
 #[test]
+fn files_of_another_kind_are_refused_with_the_kind_that_is_expected() {
+    let (_folder, path) = folder();
+    succeed(&path, IMPORT);
+    std::fs::write(path.join("zero.toml"), "version = 1\n[left]\nlayout_id = 1\noffset_kpa = [0.0]\n")
+        .expect("written");
+    succeed(&path, "params typical --size 40 --out params.toml");
+    fail(&path, "replay walk.parquet --zero params.toml", &["params.toml", "name a file that `plantar zero` wrote"]);
+    fail(&path, "replay walk.parquet --params zero.toml", &["zero.toml", "expected a file of parameters (TOML)"]);
+    std::fs::write(path.join("steps.json"), "[\n  {}\n]\n").expect("written");
+    fail(&path, "replay walk.parquet --params steps.json", &["steps.json", "expected a file of parameters (TOML)"]);
+}
+
+#[test]
 fn errors_for_parameters_name_the_file_the_region_and_the_remedy() {
     let (_folder, path) = folder();
     succeed(&path, IMPORT);

@@ -45,6 +45,34 @@ fn a_recording_does_not_get_the_ending_of_another_format() {
 }
 
 #[test]
+fn a_folder_of_exports_is_refused_with_the_remedy() {
+    let folder = folder();
+    std::fs::create_dir(folder.path().join("exports")).expect("made");
+    for arguments in ["auto exports", "tekscan exports"] {
+        let (is_ok, _, text) = plantar(&folder, &format!("import {arguments} --out walk.parquet"));
+        assert!(!is_ok && text.contains("exports is a folder: name the exported files in it"), "{text}");
+    }
+}
+
+#[test]
+fn the_name_of_a_pair_leads_to_the_recordings_of_its_feet() {
+    let folder = folder();
+    let (is_ok, _, text) = plantar(&folder, "info walk.parquet");
+    assert!(!is_ok && !text.contains("name the recording of a foot"), "{text}");
+    for (side, words) in [
+        ("left", "name the recording of a foot: walk.left.parquet"),
+        ("right", "name the recording of a foot: walk.left.parquet or walk.right.parquet"),
+    ] {
+        let import = format!("import synthetic --steps 1 --side {side} --out walk.{side}.parquet");
+        assert!(plantar(&folder, &import).0);
+        for command in ["info walk.parquet", "replay walk.parquet"] {
+            let (is_ok, _, text) = plantar(&folder, command);
+            assert!(!is_ok && text.contains(words), "{text}");
+        }
+    }
+}
+
+#[test]
 fn feet_of_different_measurements_are_noted() {
     let folder = folder();
     write_export(&folder, "tekscan", "walkL", "walkL", "walkL.asf");

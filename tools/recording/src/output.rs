@@ -1,6 +1,7 @@
 //! Writes files and folders under a temporary name, and renames them when they are complete.
 
 use crate::{Error, Result};
+use plantar::Side;
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, ErrorKind, Write};
@@ -54,6 +55,18 @@ pub fn check_file_name(path: &Path) -> Result<()> {
         return Err(Error::content(path.display().to_string(), problem, "name a file"));
     }
     Ok(())
+}
+
+/// The file of one foot of a pair that is named `path`: `NAME.left.parquet` or `NAME.right.parquet` for `NAME.parquet` or `NAME`.
+pub fn of_foot(path: &Path, side: Side) -> PathBuf {
+    // A name such as `trial-1.1` has no ending to replace.
+    let stem = match path.extension() {
+        Some(ending) if ending == "parquet" => path.with_extension(""),
+        _ => path.to_owned(),
+    };
+    let mut path = stem.into_os_string();
+    path.push(format!(".{}.parquet", side.name()));
+    path.into()
 }
 
 /// The path of the file or folder that output to `path` replaces, and the temporary path of the output. If `path` is a symbolic

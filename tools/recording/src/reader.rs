@@ -2,7 +2,8 @@
 
 use crate::check::{self, At, TimeCheck};
 use crate::columns::{ColumnFile, DECODERS};
-use crate::{Recording, Result, parts};
+use crate::{Error, Recording, Result, output, parts};
+use plantar::Side;
 use rayon::prelude::*;
 use std::iter::from_fn;
 use std::path::{Path, PathBuf};
@@ -31,6 +32,17 @@ pub(crate) struct Block<T> {
     pub values: Vec<T>,
 }
 
+/// Names the recordings of the feet, which an import writes for the name of a pair, if `path` is such a name and no file.
+fn check_feet(path: &Path) -> Result<()> {
+    let feet = [Side::Left, Side::Right].map(|side| output::of_foot(path, side));
+    let feet: Vec<_> = feet.iter().filter(|path| path.exists()).map(|path| path.display().to_string()).collect();
+    if path.exists() || feet.is_empty() {
+        return Ok(());
+    }
+    let remedy = format!("name the recording of a foot: {}", feet.join(" or "));
+    Err(Error::content(path.display().to_string(), "there is no such file", remedy))
+}
+
 impl RecordingReader {
     /// Opens a recording: a file, or a folder with its parts. The rules that concern frames are checked when these are read.
     ///
@@ -40,6 +52,7 @@ impl RecordingReader {
         let (head, files) = if path.is_dir() {
             parts::open(path)?
         } else {
+            check_feet(path)?;
             let (head, file) = ColumnFile::open(path)?;
             (head, vec![file])
         };

@@ -18,7 +18,7 @@ const VERSION: u32 = 1;
 const OFFSETS_PER_LINE: usize = 8;
 
 /// The remedy for a file that cannot be used.
-const REMEDY: &str = "measure the zero again with `plantar zero`";
+const REMEDY: &str = "name a file that `plantar zero` wrote, or measure the zero again with `plantar zero`";
 
 /// The zero of one insole or of both.
 #[derive(Clone, Debug, Default, PartialEq)]

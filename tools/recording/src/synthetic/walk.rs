@@ -24,6 +24,8 @@ pub struct SyntheticWalk {
     pub stance_s: f64,
     /// Swing time before the first step, between steps, and after the last step, s.
     pub swing_s: f64,
+    /// Time without load before the first swing, s, at least 0.
+    pub delay_s: f64,
     /// Peak force on the whole foot, N.
     pub peak_n: f64,
     /// Largest relative deviation of the peak force and of the stance time of a step, at least 0 and below 1.
@@ -41,6 +43,7 @@ impl Default for SyntheticWalk {
             rate_hz: 100.0,
             stance_s: 0.65,
             swing_s: 0.4,
+            delay_s: 0.0,
             peak_n: 800.0,
             variation: 0.03,
             seed: 1,
@@ -105,7 +108,7 @@ pub fn walk(walk: &SyntheticWalk) -> Walk {
     let largest_shares = largest_shares();
     let mut random = Random(walk.seed);
     let mut frames = Frames { pressure_kpa: Vec::new(), contact_mm2: Vec::new(), force_n: Vec::new() };
-    let mut start_s = walk.swing_s;
+    let mut start_s = walk.delay_s + walk.swing_s;
     for _ in 0..walk.steps {
         let stance_s = walk.stance_s * random.around_one(walk.variation);
         let peak_n = walk.peak_n * random.around_one(walk.variation);
