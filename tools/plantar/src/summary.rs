@@ -45,6 +45,12 @@ pub fn print(steps: &[Step], starts_s: &[f64], scales: &[DeformationScale; 8]) {
     }
     align(&mut table);
     println!("Peak force of each step, measured / model:\n{table}");
+    if has_missing_number(steps) {
+        println!(
+            "Steps, load bouts and alerts are numbered together: a number that is missing in this table can be that of a load \
+             bout or of an alert."
+        );
+    }
     print_changes(steps);
     if steps.iter().any(|step| step.saturated != 0) {
         println!("> A cell was at full scale: the measured force is a lower bound.");
@@ -116,6 +122,11 @@ pub fn print(steps: &[Step], starts_s: &[f64], scales: &[DeformationScale; 8]) {
         );
     }
     println!("{}", contact_line(&rules));
+}
+
+/// True if a number is missing between two successive steps.
+fn has_missing_number(steps: &[Step]) -> bool {
+    steps.windows(2).any(|pair| pair[1].step > pair[0].step.saturating_add(1))
 }
 
 /// A line with the contact rules of the steps.
@@ -274,6 +285,9 @@ mod tests {
         let steps = [step(500, 1_000, 0), step(30, 2_000, 0b10), step(29, 9_000, 0), step(500, 9_000, 0b1)];
         assert_eq!(comparable_error_percent(&steps, 0), Some(15.0));
         assert_eq!(comparable_error_percent(&steps[2..], 0), None);
+        // The number of a load bout is missing among those of the steps.
+        let numbered = |numbers: &[u32]| numbers.iter().map(|&step| Step { step, ..steps[0] }).collect::<Vec<_>>();
+        assert!(has_missing_number(&numbered(&[0, 1, 3])) && !has_missing_number(&numbered(&[4, 5, 6])));
     }
 
     #[test]
