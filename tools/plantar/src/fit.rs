@@ -57,7 +57,7 @@ pub struct Fit {
     /// Write all results to this JSON file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Name of the person [default: the file name of the first recording].
+    /// Name of the person [default: the file name of the first recording; for both feet, without the name of the foot].
     #[arg(long, value_name = "NAME")]
     participant: Option<String>,
     /// Use only these steps of every recording: a number N or a range N-M. The report and `plantar replay` show the numbers.
