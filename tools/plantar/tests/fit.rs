@@ -327,7 +327,7 @@ fn the_last_line_states_how_many_regions_are_incomplete_and_why() {
     succeed(path, "import synthetic --steps 1 --out walk.parquet");
     let (status, out, _) = run(path, "fit walk.parquet");
     let last = out.lines().last().expect("a line");
-    let words = "8 of 8 regions identified, 8 of them with INCOMPLETE results: only one step could be used";
+    let words = "8 of 8 regions identified, 8 of them with incomplete results: only one step could be used";
     assert!(status == 3 && last.contains(words), "{out}");
 }
 

@@ -141,7 +141,7 @@ fn a_single_step_and_a_shifted_insole_are_reported_for_each_affected_region() {
     // `fit --steps 3` uses only the step with the number 3.
     let (status, out, _) = run(path, "fit walk.parquet --steps 3 --json one.json");
     assert_eq!(status, 3);
-    assert_eq!(out.matches("only one step").count(), all.len(), "{out}");
+    assert_eq!(out.matches("INCOMPLETE: only one step").count(), all.len(), "{out}");
 
     // From the middle of the recording on, the cells of the heel measure half of the pressure, as if the insole had shifted.
     let mut recording = Recording::read(path.join("walk.parquet")).expect("a recording");

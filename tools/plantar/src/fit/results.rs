@@ -54,7 +54,7 @@ pub fn incomplete(study: &Study) -> String {
         [first, others @ ..] => {
             let is_same = first.len() == 1 && others.iter().all(|other| other == first);
             let reason = if is_same { &first[0] } else { "see above for the reasons" };
-            format!(", {} of them with INCOMPLETE results: {reason}", defects.len())
+            format!(", {} of them with incomplete results: {reason}", defects.len())
         }
     }
 }
