@@ -153,5 +153,5 @@ fn a_single_step_and_a_shifted_insole_are_reported_for_each_affected_region() {
         }
     }
     recording.write(path.join("shifted.parquet")).expect("written");
-    assert_not_whole(path, "fit shifted.parquet", &[("heel", "changes within the recording")]);
+    assert_not_whole(path, "fit shifted.parquet --out shifted.toml", &[("heel", "changes within the recording")]);
 }
