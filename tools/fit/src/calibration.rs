@@ -326,8 +326,8 @@ fn curve_of(law: &SensorLaw) -> Curve {
     curve
 }
 
-/// The pressure of a cell with the gain 1, kPa, at a code above zero, a fraction of full scale: as the insole evaluates it, and on
-/// the line between two whole codes, because the fraction is that of a mean code.
+/// The pressure of a cell with the gain 1, kPa, at a code above zero, a fraction of full scale: as the insole evaluates it, and
+/// on the line between two whole codes, because the fraction is that of a mean code.
 fn pressure_kpa(fraction: f64, curve: &Curve) -> f64 {
     let code = (fraction * f64::from(FULL_CODE)).clamp(0.0, u16::MAX.into());
     let [low, high] = [code.floor(), code.ceil()].map(|code| curve.pressure_kpa::<f64>(code as i32));
@@ -638,7 +638,8 @@ mod tests {
         let sheet = Sheet::new(0.9, &mut Rng::with_seed(2));
         let mut plateaus = sheet.plateaus(&CYCLE);
         let calibration = calibrated(&plateaus);
-        // The gain makes the mean logarithmic error 0, so the error is that relative to the geometric mean of the levels, 100 kPa.
+        // The gain makes the mean logarithmic error 0, so the error is that relative to the geometric mean of the levels, 100
+        // kPa.
         for check in &calibration.checks {
             let expected = (check.pressure_kpa / 100.0f64).powf(0.9 / 0.8 - 1.0) - 1.0;
             let mean = check.result.expect("used").errors.mean;

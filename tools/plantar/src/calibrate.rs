@@ -43,17 +43,17 @@ const LARGE_GAIN: f64 = 2.0;
 pub enum Calibrate {
     /// Measure the codes of all cells at known pressures, and determine the calibration.
     ///
-    /// The command asks for each pressure: set it, wait until it is steady, and press Enter, or type the reading of the gauge in kPa
-    /// if it differs; `r` repeats the plateau before. Begin and end with 0, the insole without load, and apply the pressures first
-    /// in increasing and then in decreasing order: the difference is the hysteresis of the sheet. Each plateau is stored in
-    /// FOLDER/plateaus.json at once; after an interruption, the same command continues with the next one. The last plateau is
+    /// The command asks for each pressure: set it, wait until it is steady, and press Enter, or type the reading of the gauge in
+    /// kPa if it differs; `r` repeats the plateau before. Begin and end with 0, the insole without load, and apply the pressures
+    /// first in increasing and then in decreasing order: the difference is the hysteresis of the sheet. Each plateau is stored
+    /// in FOLDER/plateaus.json at once; after an interruption, the same command continues with the next one. The last plateau is
     /// followed by what `plantar calibrate evaluate` does.
     ///
     /// The insole records the pressures as load of a wearer. `plantar insole erase` deletes this, but also parameters, bonds and
     /// all steps on the insole: receive and save those of a wearer before.
     Measure {
-        /// The pressures in the order of measurement, kPa above that of the atmosphere, separated by commas: at least one of 0 and
-        /// two different ones above 0.
+        /// The pressures in the order of measurement, kPa above that of the atmosphere, separated by commas: at least one of 0
+        /// and two different ones above 0.
         #[arg(long, value_name = "KPA", value_delimiter = ',', required = true, value_parser = pressure_kpa)]
         pressures: Vec<f64>,
         /// A remark that is stored, such as gauge and temperature [default: unchanged].
@@ -68,9 +68,9 @@ pub enum Calibrate {
     ///
     /// Writes FOLDER/calibration.csv, which `plantar insole calibrate` stores on the insole, and FOLDER/calibration.html, a
     /// report. The gains are those for the sensor law of the insole's firmware. If the plateaus show another law, the command
-    /// prints it, with exit status 3; it has to be built into the firmware. Afterwards, `plantar calibrate measure` with the same
-    /// pressures and folder determines the gains for the new law, without another measurement. Cells that fail are named, also with
-    /// exit status 3.
+    /// prints it, with exit status 3; it has to be built into the firmware. Afterwards, `plantar calibrate measure` with the
+    /// same pressures and folder determines the gains for the new law, without another measurement. Cells that fail are named,
+    /// also with exit status 3.
     Evaluate {
         #[command(flatten)]
         folder: Folder,
@@ -264,8 +264,8 @@ fn answer(insole: &mut InsoleLink, lines: &Receiver<String>, nominal_kpa: f64) -
     }
 }
 
-/// Waits for the next message of an insole, and passes a frame of cells to `use_cells`. Returns the reason if the link was lost or
-/// opened again, so that a stream of cells has ended.
+/// Waits for the next message of an insole, and passes a frame of cells to `use_cells`. Returns the reason if the link was lost
+/// or opened again, so that a stream of cells has ended.
 fn receive(insole: &mut InsoleLink, use_cells: impl FnOnce(&CellFrame)) -> Result<Option<String>> {
     match insole.next_event()? {
         Event::Message(ToHost::Cells(frame)) => use_cells(&frame),

@@ -1,4 +1,4 @@
-//! Drives `plantar calibrate` with an emulated insole under an even pressure, whose cells have known gains and zeros.
+//! Drives `plantar calibrate` with an emulated insole under an even pressure. Its cells have known gains and zeros.
 
 use crate::board::forward;
 use emulation::EmulatorConfig;
@@ -132,8 +132,8 @@ fn an_insole_is_calibrated_although_the_measurement_is_interrupted() {
     let (status, text) = run(&["insole", "name", "--serial-number", "P-0001", "--tcp", &address], silent);
     assert_eq!(status, Some(0), "{text}");
 
-    // At the first attempt, the pressure of the second plateau still rises. A line that is typed before a question does not answer
-    // it. The gauge shows another pressure than the one that was asked for. Then the standard input ends.
+    // At the first attempt, the pressure of the second plateau still rises. A line that is typed before a question does not
+    // answer it. The gauge shows another pressure than the one that was asked for. Then the standard input ends.
     let mut attempts = 0;
     let (status, text) = measured("0,50,200,50,0", &mut |line: &str| {
         if line.contains("set 200 kPa") {
@@ -215,8 +215,8 @@ fn an_insole_is_calibrated_although_the_measurement_is_interrupted() {
     assert!(text.contains("\ncalibration ") && !text.contains("calibration: none"), "{text}");
 }
 
-/// A file of plateaus with the pressures of `plateaus`, kPa, and the codes above a zero of 6000 of all cells, the last of which does
-/// not respond.
+/// A file of plateaus with the pressures of `plateaus`, kPa, and the codes above a zero of 6000 of all cells, the last of which
+/// does not respond.
 fn file(cells: usize, plateaus: &[(f64, f32)]) -> String {
     let cell = r#"{"x_mm":0.0,"y_mm":0.0,"area_mm2":60.0,"row_column":18}"#;
     let plateau = |(kpa, code): &(f64, f32)| {

@@ -88,7 +88,8 @@ impl Layout {
     }
 
     /// True if the pressures were computed from the codes of a sensor by this project's law: those of an insole, or computed
-    /// ones. The reading of an unloaded cell is then an offset of its code; that of any other sensor is an offset of its pressure.
+    /// ones. The reading of an unloaded cell is then an offset of its code; that of any other sensor is an offset of its
+    /// pressure.
     pub(crate) fn is_of_codes(&self) -> bool {
         [INSOLE, COMPUTED].iter().any(|beginning| self.name.starts_with(beginning))
     }
