@@ -1,5 +1,7 @@
 //! All integration tests of this package in one program: separate programs would be linked with the same libraries each.
 
+// The workspace enables this feature; with `cargo test -p fit` alone, these tests need `--features results`.
+#[cfg(feature = "results")]
 mod defects;
 mod effective_area;
 mod live;
