@@ -15,7 +15,7 @@ pub fn check(data: &[u8]) {
             assert_eq!(calibration.failures.len(), plateaus.cells.len());
             assert!(calibration.cells.iter().all(CellCalibration::is_valid), "{:?}", calibration.cells);
             assert!(calibration.gains.iter().all(|gain| (0.1..=10.0).contains(gain)));
-            assert!(calibration.law.is_none_or(|law| law.law.is_valid()), "{:?}", calibration.law);
+            assert!(calibration.law.is_none_or(|law| law.sensor.is_valid()), "{:?}", calibration.law);
         }
         Err(CalibrationError::TooManyFailing { failing, cells, cell, .. }) => assert!(failing <= cells && cell < cells),
         Err(_) => {}

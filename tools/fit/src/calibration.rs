@@ -174,7 +174,7 @@ pub struct ZeroChange {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FittedLaw {
     /// The law, with the full scale for which the geometric mean of the gains is 1.
-    pub law: SensorLaw,
+    pub sensor: SensorLaw,
     /// The 95 % confidence interval of the exponent.
     pub interval: [f64; 2],
     /// The largest mean error of a level with the law of the firmware.
@@ -282,9 +282,8 @@ impl Calibration {
             readings.push(reading);
         }
         let curve = curve_of(&plateaus.law);
-        let failures = exclude_failing(&mut readings, &zero_codes, &curve)?;
+        let (failures, gains) = exclude_failing(&mut readings, &zero_codes, &curve)?;
         let levels = levels(&readings);
-        let gains = gains(levels.iter(), &curve);
         let checks = readings.iter().map(|reading| check(reading, &levels, &plateaus.law, &curve, &gains)).collect();
         let sound = gains.iter().zip(&failures).filter(|(_, failure)| failure.is_none());
         let mut sound: Vec<f64> = sound.map(|(gain, _)| *gain).collect();
@@ -380,7 +379,7 @@ fn gains<'p>(levels: impl Iterator<Item = &'p Level<'p>> + Clone, curve: &Curve)
     (0..first.map_or(0, |reading| reading.fractions.len())).map(gain).collect()
 }
 
-/// Finds the cells that fail, and removes them from the readings.
+/// Finds the cells that fail, and removes them from the readings. Returns why they fail, and the gains of all cells.
 ///
 /// # Errors
 /// Fails if too many cells fail, or if fewer than two levels can be used.
@@ -388,7 +387,7 @@ fn exclude_failing(
     readings: &mut [Reading],
     zero_codes: &[f64],
     curve: &Curve,
-) -> Result<Vec<Option<Failure>>, CalibrationError> {
+) -> Result<(Vec<Option<Failure>>, Vec<f64>), CalibrationError> {
     let levels = levels(readings);
     if levels.len() < 2 {
         return Err(CalibrationError::TooFewPressures(levels.len()));
@@ -423,7 +422,7 @@ fn exclude_failing(
             *fraction = fraction.filter(|_| failure.is_none());
         }
     }
-    Ok(failures)
+    Ok((failures, gains))
 }
 
 fn check(reading: &Reading, levels: &[Level], law: &SensorLaw, curve: &Curve, all: &[f64]) -> Check {
@@ -512,7 +511,7 @@ fn fitted_law(
         _ => Verdict::Undetermined,
     };
     let gauge_offset_kpa = gauge_offset_kpa(&points, firmware);
-    Ok(Some(FittedLaw { law, interval, worst_firmware, worst, gauge_offset_kpa, verdict }))
+    Ok(Some(FittedLaw { sensor: law, interval, worst_firmware, worst, gauge_offset_kpa, verdict }))
 }
 
 /// See [`FittedLaw::gauge_offset_kpa`]: the offset, up to half of the lowest pressure, for which the logarithmic errors of the
@@ -623,7 +622,7 @@ mod tests {
             }
         }
         let law = calibration.law.expect("a law");
-        assert!((law.law.exponent - 0.8).abs() < 0.002 && law.verdict == Verdict::Fits, "{law:?}");
+        assert!((law.sensor.exponent - 0.8).abs() < 0.002 && law.verdict == Verdict::Fits, "{law:?}");
         assert_eq!(calibration.checks.len(), 9);
         for result in calibration.checks.iter().map(|check| check.result.expect("used")) {
             for errors in [result.errors, result.left_out] {
@@ -652,13 +651,13 @@ mod tests {
             "{result:?}"
         );
         let law = calibration.law.expect("a law");
-        assert!((law.law.exponent - 0.9).abs() < 0.003 && law.verdict == Verdict::DoesNotFit, "{law:?}");
+        assert!((law.sensor.exponent - 0.9).abs() < 0.003 && law.verdict == Verdict::DoesNotFit, "{law:?}");
         assert!(law.worst < 0.003, "{law:?}");
         // With the fitted law in the firmware, no other law is needed, and the gains are those of the sheet.
-        plateaus.law = law.law;
+        plateaus.law = law.sensor;
         let calibration = calibrated(&plateaus);
         assert_eq!(calibration.law.expect("a law").verdict, Verdict::Fits);
-        let scale = f64::from(law.law.full_kpa / LAW.full_kpa);
+        let scale = f64::from(law.sensor.full_kpa / LAW.full_kpa);
         for (cell, gain) in calibration.cells.iter().map(|cell| f64::from(cell.gain)).zip(&sheet.gains) {
             assert!((cell * scale / gain - 1.0).abs() < 0.005, "{cell:.4} of {gain:.4}");
         }

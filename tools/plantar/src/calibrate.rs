@@ -8,7 +8,7 @@ use clap::{Args, Subcommand};
 use client::{Error, Event, ReconnectPolicy, SessionStart, StartedCells};
 use fit::calibration::{Calibration, Check, Failure, Verdict, quantile};
 use plantar::pipeline::calibrate::Curve;
-use plantar::pipeline::setup::SetupCell;
+use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::protocol::{CellFrame, ToHost};
 use recording::{MAX_PLATEAU_KPA, MAX_PLATEAUS, MIN_PLATEAU_KPA, Plateau, Plateaus, is_plateau_kpa, output};
 use std::fmt::Write as _;
@@ -204,8 +204,13 @@ impl Folder {
 /// No plateaus yet, of the connected insole.
 pub fn plateaus_of(client: &mut AnyClient) -> Result<Plateaus, Error> {
     let (setup, cells) = (client.setup()?, client.setup_cells()?);
+    plateaus_with(client, &setup, &cells)
+}
+
+/// No plateaus yet, of the connected insole, which has this configuration.
+fn plateaus_with(client: &mut AnyClient, setup: &Setup, cells: &[SetupCell]) -> Result<Plateaus, Error> {
     let serial = client.identity()?.serial;
-    Ok(Plateaus::new(&setup, &cells, serial.as_str(), &client.hello().firmware))
+    Ok(Plateaus::new(setup, cells, serial.as_str(), &client.hello().firmware))
 }
 
 /// Adds the plateaus of an earlier session with the same insole.
@@ -285,7 +290,10 @@ fn measure_plateau(
     of: &Plateaus,
 ) -> Result<Result<Plateau, String>> {
     println!("  measuring for {} s: hold the pressure", HOLD.as_secs());
-    let start = |client: &mut AnyClient| Ok((plateaus_of(client)?, start_slowly(client, HOLD_HZ)?.0));
+    let start = |client: &mut AnyClient| {
+        let (started, _) = start_slowly(client, HOLD_HZ)?;
+        Ok((plateaus_with(client, &started.setup, &started.cells)?, started))
+    };
     let (present, mut started): (Plateaus, StartedCells) = match start(insole.client()) {
         Ok(started) => started,
         Err(error) => {
@@ -317,7 +325,10 @@ fn measure_plateau(
     };
     // The mean codes at the middle of the first third and of the last one, from which that of all frames differs by half of the
     // change.
-    let [first_kpa, mean_kpa, last_kpa] = [-0.5, 0.0, 0.5].map(|part| median_kpa(&plateau, part, &started.cells, of));
+    let mut curve = Curve::new();
+    curve.set(&of.law);
+    let [first_kpa, mean_kpa, last_kpa] =
+        [-0.5, 0.0, 0.5].map(|part| median_kpa(&plateau, part, &started.cells, of, &curve));
     let change_kpa = last_kpa - first_kpa;
     if change_kpa.abs() > (UNSTEADY * mean_kpa).max(UNSTEADY_KPA) {
         return Ok(Err(format!(
@@ -338,9 +349,7 @@ fn measure_plateau(
 
 /// The median of the cells' pressures, kPa, at the mean codes plus this part of their change, with the present gains. The zero is
 /// that of the first plateau without load, or else the present one.
-fn median_kpa(plateau: &Plateau, part: f32, cells: &[SetupCell], of: &Plateaus) -> f64 {
-    let mut curve = Curve::new();
-    curve.set(&of.law);
+fn median_kpa(plateau: &Plateau, part: f32, cells: &[SetupCell], of: &Plateaus, curve: &Curve) -> f64 {
     let zero = of.plateaus.iter().find(|plateau| plateau.nominal_kpa == 0.0);
     let kpa = |(i, cell): (usize, &SetupCell)| {
         let zero = zero.map_or(f32::from(cell.calibration.offset), |plateau| plateau.codes[i]);
@@ -450,7 +459,7 @@ fn print_law(plateaus: &Plateaus, calibration: &Calibration) {
     let [low, high] = law.interval;
     println!(
         "sensor law: exponent {:.3} (95 % confidence interval {low:.3} to {high:.3}); {firmware} in the firmware",
-        law.law.exponent
+        law.sensor.exponent
     );
     let [worst_firmware, worst] = [law.worst_firmware, law.worst].map(|fraction| 100.0 * fraction);
     match law.verdict {
@@ -466,7 +475,7 @@ fn print_law(plateaus: &Plateaus, calibration: &Calibration) {
              they are at most {worst:.1} %. First check the zero of the gauge: an error of {:+.1} kPa would have a similar effect. \
              Otherwise build the firmware with full_kpa {:.0} and exponent {:.3}, and with another LAYOUT_ID (docs/hardware.md); then \
              give `plantar calibrate measure` with the same pressures and folder again, which measures nothing again.",
-            law.law.exponent, law.gauge_offset_kpa, law.law.full_kpa, law.law.exponent
+            law.sensor.exponent, law.gauge_offset_kpa, law.sensor.full_kpa, law.sensor.exponent
         ),
     }
 }

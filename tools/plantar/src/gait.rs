@@ -498,8 +498,7 @@ fn to_text(estimate: &Estimate, digits: usize) -> String {
     // A negative value that is rounded to 0 is printed without a sign.
     let rounded = |value: f64| {
         let text = format!("{value:.digits$}");
-        let unsigned = text.strip_prefix('-').filter(|digits| digits.bytes().all(|digit| matches!(digit, b'0' | b'.')));
-        unsigned.map_or(text.clone(), String::from)
+        if text.parse() == Ok(0.0) { text.replace('-', "") } else { text }
     };
     let sd = estimate.sd.map_or(String::new(), |sd| format!(" ± {}", rounded(sd)));
     let interval =

@@ -58,9 +58,9 @@ use std::process::ExitCode;
 ///   plantar gait walk.plantar --json gait.json
 ///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar identify --serial /dev/ttyACM0 --out me
+///   plantar insole name --serial-number P-0001 --serial /dev/ttyACM0
 ///   plantar calibrate measure --pressures 0,50,100,200,400,200,100,50,0 \
 ///       --serial /dev/ttyACM0 --out P-0001
-///   plantar insole name --serial-number P-0001 --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
 ///   plantar monitor --ble left
 ///   plantar record --serial /dev/ttyACM0 --out session

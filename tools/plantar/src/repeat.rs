@@ -214,11 +214,11 @@ impl Repeat {
     }
 }
 
-/// Prints a note on stderr for each foot of which the trials of a person are of different sensors.
-fn note_different_sensors(recordings: &[PathBuf]) {
-    // A recording that cannot be opened is left out later, with the reason.
-    let head = |path: &PathBuf| Some((path.display().to_string(), RecordingReader::open(path).ok()?.head));
-    let heads: Vec<_> = recordings.iter().filter_map(head).collect();
+/// Prints a note on stderr for each foot of which the trials of a person are of different sensors. A recording that could not be
+/// opened is left out later, with the reason.
+fn note_different_sensors(recordings: &[PathBuf], opened: &[recording::Result<RecordingReader>]) {
+    let heads = recordings.iter().zip(opened).filter_map(|(path, reader)| Some((path, &reader.as_ref().ok()?.head)));
+    let heads: Vec<_> = heads.map(|(path, head)| (path.display().to_string(), head)).collect();
     for side in [Side::Left, Side::Right] {
         let of_side = heads.iter().filter(|(_, head)| head.side == side);
         note_unless_same_sensor(of_side.map(|(name, head)| (name.as_str(), &head.layout)), "trials", "compare");
@@ -227,9 +227,10 @@ fn note_different_sensors(recordings: &[PathBuf]) {
 
 /// Fits each recording of a person.
 fn trials_of(name: &str, person: &Person, recordings: &[PathBuf]) -> Trials {
-    note_different_sensors(recordings);
+    let opened: Vec<_> = recordings.iter().map(|path| RecordingReader::open(path)).collect();
+    note_different_sensors(recordings, &opened);
     let results: Vec<Result<_>> =
-        recordings.par_iter().map(|path| fits::trial(person, RecordingReader::open(path)?, path)).collect();
+        recordings.par_iter().zip(opened).map(|(path, reader)| fits::trial(person, reader?, path)).collect();
     let mut of_person = Trials { name: name.into(), trials: Vec::new(), left_out: Vec::new(), incomplete: Vec::new() };
     for result in results {
         match result {

@@ -2,10 +2,10 @@
 
 use crate::document::{document, legend, section, wide};
 use crate::drawing::{Curves, Drawing, Scale, legend_entries, square};
+use crate::foot::Frame;
 use crate::format::{count, number, percent, signed_percent};
 use fit::calibration::{Calibration, Check, CheckResult, Errors, Verdict, quantile};
 use maud::{Markup, html};
-use plantar::Side;
 use plantar::pipeline::calibrate::{CellCalibration, FULL_CODE};
 use recording::{Plateau, Plateaus};
 use std::fmt::Write as _;
@@ -102,8 +102,8 @@ fn law(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
     };
     let [low, high] = law.interval;
     html! {
-        (format!("The plateaus show the exponent {:.3} (95 % confidence interval {low:.3} to {high:.3})", law.law.exponent))
-        (format!(" with a full scale of {:.0} kPa; the firmware has {firmware}. ", law.law.full_kpa))
+        (format!("The plateaus show the exponent {:.3} (95 % confidence interval {low:.3} to {high:.3})", law.sensor.exponent))
+        (format!(" with a full scale of {:.0} kPa; the firmware has {firmware}. ", law.sensor.full_kpa))
         @match law.verdict {
             Verdict::Fits => "The law of the firmware fits this sheet.",
             Verdict::Undetermined => "The plateaus scatter too much to determine whether the law of the firmware fits.",
@@ -263,7 +263,7 @@ fn codes(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
         body: html! {
             (chart.axes("pressure, kPa", "code above zero, % of full scale"))
             path.line.s1 d=(firmware) {}
-            @if let Some(law) = calibration.law { path.model.dashed.s5 d=(line(law.law.full_kpa.into(), law.law.exponent.into())) {} }
+            @if let Some(law) = calibration.law { path.model.dashed.s5 d=(line(law.sensor.full_kpa.into(), law.sensor.exponent.into())) {} }
             @for (plateau, [low, middle, high]) in &measured {
                 @let (x, y) = (chart.x.at(plateau.pressure_kpa), |share: &f64| chart.y.at(100.0 * share));
                 path.axis d={ "M" (x) " " (y(low)) "V" (y(high)) } {}
@@ -294,34 +294,25 @@ fn gains(plateaus: &Plateaus, calibration: &Calibration) -> Markup {
     let median = calibration.median_gain();
     let class =
         |gain: f64| CLASSES.iter().find(|(limit, ..)| gain / median < *limit).map_or("s5", |(_, colour, _)| colour);
-    let extent = |of: fn(&recording::PlateauCell) -> f32| {
-        let all = || plateaus.cells.iter().map(|cell| f64::from(of(cell)));
-        [all().fold(f64::MAX, f64::min) - MARGIN_MM, all().fold(f64::MIN, f64::max) + MARGIN_MM]
+    let frame = Frame::of(plateaus.cells.iter().map(|cell| [cell.x_mm.into(), cell.y_mm.into()]), MARGIN_MM);
+    let [width, height] = frame.size_mm().map(|mm| MAP_SCALE * mm);
+    let content = html! {
+        @for (i, cell) in plateaus.cells.iter().enumerate() {
+            @let gain = f64::from(calibration.cells[i].gain);
+            @let path = square(cell.x_mm.into(), cell.y_mm.into(), cell.area_mm2.into());
+            @if let Some(failure) = calibration.failures[i] {
+                path.empty d=(path) { title { "cell " (i) ": " (failure) } }
+            } @else {
+                path.fill.(class(gain)) d=(path) { title { "cell " (i) ": gain " (format!("{gain:.3}")) } }
+            }
+        }
     };
-    let (x_mm, y_mm) = (extent(|cell| cell.x_mm), extent(|cell| cell.y_mm));
-    let (width_mm, height_mm) = (x_mm[1] - x_mm[0], y_mm[1] - y_mm[0]);
-    let (mirror, left_mm) = if plateaus.side == Side::Left { (-1.0, -x_mm[1]) } else { (1.0, x_mm[0]) };
     let map = Drawing {
         // As wide as the charts, so that it has the same scale in the page.
-        width: CHART[0].max(MAP_SCALE * width_mm),
-        height: MAP_SCALE * height_mm,
+        width: CHART[0].max(width),
+        height,
         label: "Gain of each cell relative to the median".into(),
-        body: html! {
-            svg width=(MAP_SCALE * width_mm) height=(MAP_SCALE * height_mm)
-                viewBox={ (left_mm) " " (-y_mm[1]) " " (width_mm) " " (height_mm) } {
-                g transform={ "scale(" (mirror) " -1)" } {
-                    @for (i, cell) in plateaus.cells.iter().enumerate() {
-                        @let gain = f64::from(calibration.cells[i].gain);
-                        @let path = square(cell.x_mm.into(), cell.y_mm.into(), cell.area_mm2.into());
-                        @if let Some(failure) = calibration.failures[i] {
-                            path.empty d=(path) { title { "cell " (i) ": " (failure) } }
-                        } @else {
-                            path.fill.(class(gain)) d=(path) { title { "cell " (i) ": gain " (format!("{gain:.3}")) } }
-                        }
-                    }
-                }
-            }
-        },
+        body: frame.show(plateaus.side, [0.0, 0.0, width, height], &content),
     };
     let classes =
         CLASSES.map(|(_, colour, name)| (html! { rect.fill.(colour) x="6" y="3" width="12" height="12" {} }, name));

@@ -36,12 +36,8 @@ pub fn foot(study: &Study) -> Option<Drawing> {
     let feet: Vec<&Source> = [Side::Left, Side::Right].into_iter().filter_map(|side| source(study, side)).collect();
     let cells = || feet.iter().flat_map(|foot| &foot.layout.cells);
     cells().next()?;
-    let extent = |of: fn(&Cell) -> f64| {
-        let ends = cells().map(of).fold([f64::MAX, f64::MIN], |[low, high], v| [low.min(v), high.max(v)]);
-        [ends[0] - MARGIN_MM, ends[1] + MARGIN_MM]
-    };
-    let frame = Frame { x_mm: extent(|cell| cell.x_mm), y_mm: extent(|cell| cell.y_mm) };
-    let (width, height) = (SCALE * frame.width_mm(), SCALE * frame.height_mm());
+    let frame = Frame::of(cells().map(|cell| [cell.x_mm, cell.y_mm]), MARGIN_MM);
+    let [width, height] = frame.size_mm().map(|mm| SCALE * mm);
     let below = HEAD + height + FOOTER;
     // The legend is beside a single foot, and below two.
     let (columns, x, y) = if feet.len() == 1 { (1, width + 16.0, HEAD + 12.0) } else { (2, 4.0, below + 14.0) };
@@ -56,7 +52,8 @@ pub fn foot(study: &Study) -> Option<Drawing> {
         ),
         body: html! {
             @for (i, foot) in feet.iter().enumerate() {
-                (frame.draw(study, foot, i as f64 * width))
+                text.title.middle x=(i as f64 * width + width / 2.0) y="14" { (foot.side.name()) " foot" }
+                (frame.show(foot.side, [i as f64 * width, HEAD, width, height], &content(study, foot)))
             }
             (scale_bar(8.0, below - 16.0))
             @for region in 0..8 {
@@ -76,45 +73,56 @@ pub fn legend() -> Vec<Drawing> {
     ])
 }
 
-/// The displayed range of the foot coordinates, the same for both feet.
-struct Frame {
+/// The displayed range of the foot coordinates, mm.
+pub struct Frame {
     x_mm: [f64; 2],
     y_mm: [f64; 2],
 }
 
 impl Frame {
-    fn width_mm(&self) -> f64 {
-        self.x_mm[1] - self.x_mm[0]
+    /// The range of these places, each as x and y in mm, with a margin around them, mm.
+    pub fn of(places_mm: impl Iterator<Item = [f64; 2]> + Clone, margin_mm: f64) -> Self {
+        let range = |axis: usize| {
+            let values = places_mm.clone().map(|place| place[axis]);
+            let [low, high] = values.fold([f64::MAX, f64::MIN], |[low, high], v| [low.min(v), high.max(v)]);
+            [low - margin_mm, high + margin_mm]
+        };
+        Self { x_mm: range(0), y_mm: range(1) }
     }
 
-    fn height_mm(&self) -> f64 {
-        self.y_mm[1] - self.y_mm[0]
+    /// Width and height, mm.
+    pub fn size_mm(&self) -> [f64; 2] {
+        [self.x_mm, self.y_mm].map(|[low, high]| high - low)
     }
 
-    /// Draws one foot in mm, toes up, with the lateral side of a left foot on the left. Content outside of the frame is clipped.
-    fn draw(&self, study: &Study, foot: &Source, x: f64) -> Markup {
-        let mirror = if foot.side == Side::Left { -1.0 } else { 1.0 };
-        let (width_mm, height_mm) = (self.width_mm(), self.height_mm());
-        let pitch_mm = pitch_mm(&foot.layout.cells);
-        let left_mm = if foot.side == Side::Left { -self.x_mm[1] } else { self.x_mm[0] };
+    /// Shows `content`, which is drawn in foot coordinates in mm, from above: the toes up, and the lateral side of a left foot on
+    /// the left. The frame is scaled to the rectangle of x, y, width and height. Content outside of it is clipped.
+    pub fn show(&self, side: Side, [x, y, width, height]: [f64; 4], content: &Markup) -> Markup {
+        let [width_mm, height_mm] = self.size_mm();
+        let (mirror, left_mm) = if side == Side::Left { (-1.0, -self.x_mm[1]) } else { (1.0, self.x_mm[0]) };
         html! {
-            text.title.middle x=(x + SCALE * width_mm / 2.0) y="14" { (foot.side.name()) " foot" }
-            svg x=(x) y=(HEAD) width=(SCALE * width_mm) height=(SCALE * height_mm)
+            svg x=(x) y=(y) width=(width) height=(height)
                 viewBox={ (left_mm) " " (-self.y_mm[1]) " " (width_mm) " " (height_mm) } {
-                g transform={ "scale(" (mirror) " -1)" } {
-                    @for region in 0..8 {
-                        path.cells.(colour(region)) d=(cells(foot, region, pitch_mm)) {}
-                    }
-                    @for region in 0..8 {
-                        @if let Some(ellipse) = mean_ellipse(study, foot.side, region) {
-                            @if let Ok(fit) = fit_of(study, region) {
-                                @let (a_mm, b_mm) = (fit.ellipsoid.a_m * 1e3, fit.ellipsoid.b_m * 1e3);
-                                (outline(&ellipse, a_mm, b_mm, &format!("ellipsoid {}", colour(region))))
-                            }
-                            (outline(&ellipse, ellipse.r_a_mm, ellipse.r_b_mm, "contact"))
-                        }
-                    }
+                g transform={ "scale(" (mirror) " -1)" } { (content) }
+            }
+        }
+    }
+}
+
+/// The cells of one foot, and the contact ellipses and ellipsoids of its regions, in foot coordinates.
+fn content(study: &Study, foot: &Source) -> Markup {
+    let pitch_mm = pitch_mm(&foot.layout.cells);
+    html! {
+        @for region in 0..8 {
+            path.cells.(colour(region)) d=(cells(foot, region, pitch_mm)) {}
+        }
+        @for region in 0..8 {
+            @if let Some(ellipse) = mean_ellipse(study, foot.side, region) {
+                @if let Ok(fit) = fit_of(study, region) {
+                    @let (a_mm, b_mm) = (fit.ellipsoid.a_m * 1e3, fit.ellipsoid.b_m * 1e3);
+                    (outline(&ellipse, a_mm, b_mm, &format!("ellipsoid {}", colour(region))))
                 }
+                (outline(&ellipse, ellipse.r_a_mm, ellipse.r_b_mm, "contact"))
             }
         }
     }

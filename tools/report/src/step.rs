@@ -1,11 +1,11 @@
 //! A step as a picture: peak pressure with the contact ellipses on the foot, and the forces of each region over time.
 
 use crate::drawing::{Curves, Drawing, STYLE, Scale, legend_entries, legend_row, square};
+use crate::foot::Frame;
 use crate::region::{TITLES, colour};
 use maud::{Markup, PreEscaped, html};
-use plantar::Side;
 use plantar::protocol::{Step, StepRegion};
-use recording::{Cell, Recording};
+use recording::Recording;
 
 // The following lengths are in units of the drawing. `FOOT` and `PANEL` are the width and height of the foot and of the panel
 // of a region; `TITLE` is the height of the title of a panel.
@@ -64,26 +64,16 @@ impl StepPicture<'_> {
     /// The sole from above in mm, toes up; the lateral side of the left foot is on the left.
     fn foot(&self) -> Markup {
         let cells = &self.recording.layout.cells;
-        let extent = |of: fn(&Cell) -> f64| {
-            let ends = cells.iter().map(of).fold([f64::MAX, f64::MIN], |[low, high], v| [low.min(v), high.max(v)]);
-            [ends[0] - SPACE_MM, ends[1] + SPACE_MM]
-        };
-        let (x_mm, y_mm) = (extent(|cell| cell.x_mm), extent(|cell| cell.y_mm));
-        let (width_mm, height_mm) = (x_mm[1] - x_mm[0], y_mm[1] - y_mm[0]);
-        let (mirror, left_mm) = if self.recording.side == Side::Left { (-1.0, -x_mm[1]) } else { (1.0, x_mm[0]) };
-        let opacity = self.opacity();
-        html! {
-            svg x=(MARGIN) y=(HEADER) width=(FOOT[0]) height=(FOOT[1])
-                viewBox={ (left_mm) " " (-y_mm[1]) " " (width_mm) " " (height_mm) } {
-                g transform={ "scale(" (mirror) " -1)" } {
-                    @for (cell, opacity) in cells.iter().zip(opacity) {
-                        @let opacity = format!("fill-opacity:{opacity:.3}");
-                        path.cells.(colour(cell.region as usize)) d=(square(cell.x_mm, cell.y_mm, cell.area_mm2)) style=(opacity) {}
-                    }
-                    @for region in self.step.regions.iter().filter(|region| region.ellipse_r_a_cmm > 0) { (ellipse(region)) }
-                }
+        let frame = Frame::of(cells.iter().map(|cell| [cell.x_mm, cell.y_mm]), SPACE_MM);
+        let content = html! {
+            @for (cell, opacity) in cells.iter().zip(self.opacity()) {
+                @let opacity = format!("fill-opacity:{opacity:.3}");
+                @let path = square(cell.x_mm, cell.y_mm, cell.area_mm2);
+                path.cells.(colour(cell.region as usize)) d=(path) style=(opacity) {}
             }
-        }
+            @for region in self.step.regions.iter().filter(|region| region.ellipse_r_a_cmm > 0) { (ellipse(region)) }
+        };
+        frame.show(self.recording.side, [MARGIN, HEADER, FOOT[0], FOOT[1]], &content)
     }
 
     /// Opacity of each cell: it increases with the square root of its peak pressure, so that lightly loaded cells are visible.
