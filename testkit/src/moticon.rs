@@ -5,7 +5,7 @@ use plantar::Side;
 use plantar::pipeline::region::{ForceMoments, RegionFrame};
 use plantar::pipeline::stance::Stance;
 use plantar::pipeline::stance_rule::{StanceLimits, StanceRule};
-use recording::Format;
+use recording::{Format, Options};
 use serde::Deserialize;
 use std::path::Path;
 use std::process::Command;
@@ -124,8 +124,9 @@ pub fn compare(python: &Path, archive: &Path) -> Agreement {
 
 /// The feet of a walk, from the importer.
 fn feet_of(walk: Walk) -> impl Iterator<Item = Foot> {
-    let export =
-        Format::Moticon.parse(walk.export.as_bytes(), Path::new("walk.txt"), None, &[]).expect("the export is read");
+    let export = Format::Moticon
+        .parse(walk.export.as_bytes(), Path::new("walk.txt"), Options::default())
+        .expect("the export is read");
     assert!(export.feet.iter().map(|foot| foot.side).eq([Side::Left, Side::Right]), "the export has both feet");
     export.feet.into_iter().zip(walk.steps).map(|(recording, steps)| Foot {
         force_n: (0..recording.frames()).map(|i| recording.force_n(i)).collect(),

@@ -30,7 +30,7 @@ use plantar::protocol::{
     ToHost, decode, encode, frame,
 };
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{FootZero, Format, Plateau, Plateaus, Recording, VirtualInsole, Zero};
+use recording::{FootZero, Format, Options, Plateau, Plateaus, Recording, VirtualInsole, Zero};
 use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::fs;
@@ -482,7 +482,7 @@ fn vendor() {
     }
     let files = [xsensor, tekscan, emed, footscan, moticon, loadsol, gaitpdb, pliance];
     for ((index, format), file) in Format::ALL.iter().enumerate().zip(files) {
-        assert!(format.parse(file.as_bytes(), Path::new("seed"), None, &[]).is_ok(), "{}", format.name());
+        assert!(format.parse(file.as_bytes(), Path::new("seed"), Options::default()).is_ok(), "{}", format.name());
         seed("vendor", format.name(), &[&[index as u8], file.as_bytes()].concat());
         seed(
             "vendor",

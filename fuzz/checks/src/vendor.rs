@@ -3,7 +3,7 @@
 
 use crate::check_recording;
 use plantar::Side;
-use recording::{Format, footprint};
+use recording::{Format, Options, footprint};
 use std::path::Path;
 
 /// Checks one input.
@@ -20,7 +20,7 @@ pub fn check(data: &[u8]) {
         },
     };
     let side = [None, Some(Side::Left), Some(Side::Right)][usize::from(selector) / choices % 3];
-    let Ok(export) = format.parse(bytes, path, side, &[]) else { return };
+    let Ok(export) = format.parse(bytes, path, Options { side, ..Options::default() }) else { return };
     for recording in &export.feet {
         check_recording(recording);
         footprint::warnings(recording);

@@ -7,7 +7,9 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand, ValueEnum};
 use plantar::Side;
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{EarlierRecording, Export, Format, Recording, csv, export, footprint, jiku, output, pedar};
+use recording::{
+    EarlierRecording, Export, Format, Options, Recording, Span, csv, export, footprint, jiku, output, pedar,
+};
 use std::path::{Path, PathBuf};
 use std::slice;
 
@@ -27,6 +29,8 @@ pub enum Import {
         /// The foot, if the export does not state it; or the only foot to import. Only with a single file.
         #[arg(long, value_enum)]
         side: Option<Foot>,
+        #[command(flatten)]
+        part: Part,
         #[command(flatten)]
         like: Like,
         #[command(flatten)]
@@ -67,6 +71,8 @@ pub enum Import {
         #[arg(long, value_enum)]
         side: Foot,
         #[command(flatten)]
+        part: Part,
+        #[command(flatten)]
         fixed: FixedLayout,
         #[command(flatten)]
         out: Out,
@@ -86,6 +92,8 @@ pub enum Import {
         /// Import only this foot. Required for an export of one foot, which does not state the foot.
         #[arg(long, value_enum)]
         side: Option<Foot>,
+        #[command(flatten)]
+        part: Part,
         #[command(flatten)]
         fixed: FixedLayout,
         #[command(flatten)]
@@ -134,9 +142,38 @@ pub struct Vendor {
     #[arg(long, value_enum)]
     side: Option<Foot>,
     #[command(flatten)]
+    part: Part,
+    #[command(flatten)]
     like: Like,
     #[command(flatten)]
     out: Out,
+}
+
+/// The options that select a part of a measurement.
+#[derive(Args)]
+pub struct Part {
+    /// Import only the frames from this time of the export on, s.
+    #[arg(long, value_name = "S")]
+    from: Option<f64>,
+    /// Import only the frames up to this time of the export, s. With a gap in the export, only its longest part is imported: --from
+    /// and --to select another part, of both feet alike.
+    #[arg(long, value_name = "S")]
+    to: Option<f64>,
+}
+
+impl Part {
+    fn span(&self) -> Result<Span> {
+        for (option, time_s) in [("from", self.from), ("to", self.to)] {
+            if let Some(time_s) = time_s.filter(|time_s| !time_s.is_finite()) {
+                bail!("--{option} {time_s}: expected a time in s");
+            }
+        }
+        if let (Some(from_s), Some(to_s)) = (self.from, self.to) {
+            ensure!(from_s < to_s, "--from {from_s} --to {to_s}: the part must end after it begins");
+        }
+        let all = Span::default();
+        Ok(Span { from_s: self.from.unwrap_or(all.from_s), to_s: self.to.unwrap_or(all.to_s) })
+    }
 }
 
 /// The option to import in the layout of an earlier recording.
@@ -248,7 +285,8 @@ impl Import {
         let import = |format: Format, vendor: &Vendor| {
             let earlier = vendor.like.open(&vendor.out)?;
             check_no_folder(&vendor.file)?;
-            let export = format.import(&vendor.file, vendor.side.map(Side::from), &earlier)?;
+            let options = Options { side: vendor.side.map(Side::from), span: vendor.part.span()?, earlier: &earlier };
+            let export = format.import(&vendor.file, options)?;
             vendor.out.write_feet(export, &read_files(slice::from_ref(&vendor.file), &earlier))
         };
         let bar = progress(0, "bytes");
@@ -258,7 +296,7 @@ impl Import {
         };
         self.out().check_name()?;
         match self {
-            Self::Auto { files, side, like, out } => {
+            Self::Auto { files, side, part, like, out } => {
                 if let (Some(side), [_, _, ..]) = (side, &files[..]) {
                     bail!(
                         "--side {} with {} files: leave it out if the exports state their feet; otherwise import each file \
@@ -268,10 +306,11 @@ impl Import {
                     );
                 }
                 let earlier = like.open(out)?;
+                let options = Options { side: side.map(Side::from), span: part.span()?, earlier: &earlier };
                 let mut all = Export { feet: Vec::new(), remarks: Vec::new() };
                 for file in files {
                     check_no_folder(file)?;
-                    let Export { feet, remarks } = export::import(file, side.map(Side::from), &earlier)?;
+                    let Export { feet, remarks } = export::import(file, options)?;
                     all.feet.extend(feet);
                     all.remarks.extend(remarks.into_iter().map(|remark| match files.len() {
                         1 => remark,
@@ -288,21 +327,22 @@ impl Import {
             Self::Loadsol(vendor) => import(Format::Loadsol, vendor),
             Self::Gaitpdb(vendor) => import(Format::Gaitpdb, vendor),
             Self::Pliance(vendor) => import(Format::Pliance, vendor),
-            Self::Csv { layout, frames, side, fixed, out } => {
+            Self::Csv { layout, frames, side, part, fixed, out } => {
                 fixed.check(layout)?;
                 check_written(&[layout.clone(), frames.clone()], &[Some(&out.out)])?;
-                let recording = csv::import(layout, frames, (*side).into(), out.rate_hz()?, &mut report)?;
+                let rate_hz = out.rate_hz()?;
+                let recording = csv::import(layout, frames, (*side).into(), part.span()?, rate_hz, &mut report)?;
                 bar.finish_and_clear();
                 out.write_resampled(recording, &out.out)
             }
-            Self::Pedar { file, geometry, side, fixed, out } => {
+            Self::Pedar { file, geometry, side, part, fixed, out } => {
                 fixed.check(geometry)?;
                 check_no_folder(file)?;
                 if side.is_none() && pedar::feet(file)? == 1 {
                     bail!("{}: the export contains one foot; state it with --side", file.display());
                 }
                 let sides = side.map_or(vec![Side::Left, Side::Right], |side| vec![side.into()]);
-                let export = pedar::import_feet(file, geometry, &sides, &mut report)?;
+                let export = pedar::import_feet(file, geometry, &sides, part.span()?, &mut report)?;
                 bar.finish_and_clear();
                 out.write_feet(export, &[file.clone(), geometry.clone()])
             }

@@ -218,6 +218,32 @@ fn exports_are_imported_in_the_layouts_of_an_earlier_pair() {
 }
 
 #[test]
+fn the_options_from_and_to_select_a_part_of_any_export() {
+    let folder = folder();
+    write_export(&folder, "tekscan", "walkL", "walkL", "walkL.asf");
+    let (is_ok, _, text) = plantar(&folder, "import auto walkL.asf --out walk.parquet");
+    assert!(is_ok, "{text}");
+    let whole = Recording::read(folder.path().join("walk.parquet")).expect("a recording");
+    let (from_s, to_s) = (whole.t_s[2], whole.t_s[6]);
+    for format in ["auto", "tekscan"] {
+        let arguments = format!("import {format} walkL.asf --from {from_s} --to {to_s} --out part.parquet");
+        let (is_ok, text, _) = plantar(&folder, &arguments);
+        assert!(is_ok && text.contains("Only the frames from"), "{text}");
+        let part = Recording::read(folder.path().join("part.parquet")).expect("a recording");
+        assert_eq!((&part.t_s[..], &part.layout), (&whole.t_s[2..7], &whole.layout));
+    }
+    for (options, words) in [
+        ("--from 2 --to 1", &["--from 2 --to 1", "end after it begins"][..]),
+        ("--from nan", &["--from NaN", "a time in s"]),
+        ("--from 1e6", &["walkL.asf: no frame from 1e6 s", "--from and --to"]),
+    ] {
+        let (is_ok, _, text) = plantar(&folder, &format!("import auto walkL.asf {options} --out none.parquet"));
+        assert!(!is_ok && words.iter().all(|word| text.contains(word)), "{options}: {text}");
+        assert!(!folder.path().join("none.parquet").exists());
+    }
+}
+
+#[test]
 fn a_layout_that_does_not_apply_is_refused() {
     let folder = folder();
     write_export(&folder, "tekscan", "walkL", "walkL", "walkL.asf");

@@ -1,11 +1,33 @@
-//! The last stage of most imports: fills short gaps between frames, and checks the recording. The imports of pedar, CSV and
-//! `jiku-data` do not use it.
+//! The last stage of most imports: selects a span of time, fills short gaps between frames, and checks the recording. The
+//! imports of pedar, CSV and `jiku-data` do not use it.
 
 use crate::check::{self, At};
 use crate::footprint::capitalised;
-use crate::{Layout, Recording, Result, gaps, rate};
+use crate::layout::MAX_CELLS;
+use crate::span::Span;
+use crate::{Export, Layout, Recording, Result, gaps, rate};
 use plantar::Side;
 use std::path::Path;
+
+/// The content of an export as read, before this stage.
+#[derive(Default)]
+pub struct ParsedExport {
+    pub feet: Vec<UncheckedRecording>,
+    /// Becomes [`Export::remarks`].
+    pub remarks: Vec<String>,
+}
+
+impl ParsedExport {
+    /// The recordings of all feet, of the frames within `span`.
+    ///
+    /// # Errors
+    /// Fails in the same cases as [`UncheckedRecording::recording`].
+    pub fn completed(self, path: &Path, span: Span) -> Result<Export> {
+        let Self { feet, mut remarks } = self;
+        let feet = feet.into_iter().map(|foot| foot.recording(path, span, &mut remarks)).collect::<Result<_>>()?;
+        Ok(Export { feet, remarks })
+    }
+}
 
 /// The contents of a recording that are not yet checked. Frames may be missing.
 pub struct UncheckedRecording {
@@ -20,18 +42,25 @@ pub struct UncheckedRecording {
 }
 
 impl UncheckedRecording {
-    /// The recording, with gaps treated as by [`gaps::fill`]: short ones are filled; if there are longer ones, only the longest
-    /// part without one remains. A sentence about filled and omitted frames is added to `remarks`.
+    /// The recording of the frames within `span`, with gaps treated as by [`gaps::fill`]: short ones are filled; if there are
+    /// longer ones, only the longest part without one remains. If there are more than [`MAX_CELLS`], neighbouring cells are
+    /// merged. Sentences about these steps are added to `remarks`.
     ///
     /// # Errors
-    /// Fails if the frames or the cells violate a rule of recordings, or the frames do not fit into memory when gaps are filled.
-    /// Messages name `path`, and the time of the frame.
-    pub fn recording(self, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
+    /// Fails if no frame is within the span, the frames or the cells violate a rule of recordings, or the frames do not fit into
+    /// memory when gaps are filled. Messages name `path`, and the time of the frame.
+    fn recording(self, path: &Path, span: Span, remarks: &mut Vec<String>) -> Result<Recording> {
         let Self { side, layout, mut t_s, mut pressure_kpa, source } = self;
         let file = path.display().to_string();
+        let mut remark = |sentences: &str| remarks.push(format!("{} foot: {sentences}", capitalised(side)));
+        if let Some((part, sentence)) = span.part(&t_s, path)? {
+            t_s = t_s[part.clone()].to_vec();
+            pressure_kpa = pressure_kpa[part.start * layout.cells.len()..part.end * layout.cells.len()].to_vec();
+            remark(&sentence);
+        }
         check::value_count(gaps::frames_after_fill(&t_s) as u64, layout.cells.len(), &file)?;
         if let Some(note) = gaps::fill(&mut t_s, &mut pressure_kpa, layout.cells.len()) {
-            remarks.push(format!("{} foot: {note}", capitalised(side)));
+            remark(&note);
         }
         t_s.iter_mut().for_each(|t_s| *t_s = rate::rounded_s(*t_s));
         // After frames were filled or left out, only the time identifies a frame of the export.
@@ -43,7 +72,14 @@ impl UncheckedRecording {
         let rate_hz = rate::of(&t_s, &place)?;
         check::geometry(&layout, &file)?;
         check::pressures(&pressure_kpa, layout.cells.len(), &place)?;
-        Ok(Recording { side, layout, rate_hz, source, t_s, pressure_kpa })
+        let recording = Recording { side, layout, rate_hz, source, t_s, pressure_kpa };
+        if recording.cells() <= MAX_CELLS {
+            return Ok(recording);
+        }
+        let mut merged = recording.binned(MAX_CELLS)?;
+        // The sentence about the merge becomes a remark, which the import adds to the provenance.
+        remark(merged.source.split_off(recording.source.len()).trim_start());
+        Ok(merged)
     }
 }
 
@@ -63,7 +99,10 @@ mod tests {
             pressure_kpa,
             source: String::new(),
         };
-        unchecked.recording(Path::new("walk.txt"), &mut Vec::new()).err().map(|error| error.to_string())
+        unchecked
+            .recording(Path::new("walk.txt"), Span::default(), &mut Vec::new())
+            .err()
+            .map(|error| error.to_string())
     }
 
     #[test]

@@ -195,7 +195,7 @@ fn interval(before_s: f64, after_s: f64, rate_hz: f64, place: &dyn Fn() -> Strin
         return Ok(());
     }
     let problem = format!("{interval_s:.6} s after the frame before, expected {expected_s:.6} s at {rate_hz:.6} Hz");
-    let split = "split the recording at this frame";
+    let split = "split the recording at this frame, as plantar import does with --from and --to";
     // Resampling does not accept longer intervals.
     let remedy = if is_filled(interval_s, expected_s) { format!("{split}, or {RESAMPLE}") } else { split.into() };
     Err(Error::content(place(), problem, remedy))

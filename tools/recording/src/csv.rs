@@ -7,8 +7,9 @@
 //! commas.
 
 use crate::check::{self, At};
-use crate::negatives::Negatives;
+use crate::numbered::NumberedFrames;
 use crate::separators::Separators;
+use crate::span::Span;
 use crate::table::{self, Lines, at_line, check_later, check_width, empty_field, file_name, number, unreadable};
 use crate::text::shortened;
 use crate::{Cell, Error, Layout, Recording, Result, gaps, names, rate, template};
@@ -27,9 +28,9 @@ const ASPECTS: [f64; 5] = [1.0, 2.0, 0.5, 4.0, 0.25];
 /// The number of rows that are read between two calls of `progress`.
 const ROWS_PER_REPORT: usize = 1000;
 
-/// Imports one foot. With `rate_hz`, the frames are resampled to this rate ([`Recording::at_rate`]), so that the intervals
-/// between their times may differ; [`Recording::source`] states how many are longer than usual, and how many negative pressures
-/// were read as 0. `progress` receives the number of bytes that have been read from the file of frames, and the size of that
+/// Imports one foot, of the frames within `span`. With `rate_hz`, they are resampled to this rate ([`Recording::at_rate`]), so
+/// that the intervals between their times may differ; [`Recording::source`] states how many are longer than usual, and how many
+/// negative pressures of the file were read as 0. `progress` receives the number of bytes that have been read from the file of frames, and the size of that
 /// file.
 ///
 /// # Errors
@@ -39,17 +40,18 @@ pub fn import(
     layout_path: impl AsRef<Path>,
     frames_path: impl AsRef<Path>,
     side: Side,
+    span: Span,
     rate_hz: Option<f64>,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Recording> {
     let (layout_path, frames_path) = (layout_path.as_ref(), frames_path.as_ref());
-    let layout = File::open(layout_path).map_err(Error::io(layout_path))?;
+    let layout = read_layout(File::open(layout_path).map_err(Error::io(layout_path))?, layout_path)?;
     let frames = File::open(frames_path).map_err(Error::io(frames_path))?;
     let total_bytes = frames.metadata().map_err(Error::io(frames_path))?.len();
     let mut progress = |done_bytes| progress(done_bytes, total_bytes);
-    let recording = read(layout, layout_path, frames, frames_path, side, rate_hz, &mut progress)?;
+    let frames = read_frames(frames, frames_path, layout_path, layout.cells.len(), &mut progress)?;
     progress(total_bytes);
-    Ok(recording)
+    recording(layout, layout_path, frames, frames_path, side, span, rate_hz)
 }
 
 /// As [`import`], from text and without resampling. In messages the two texts are called `layout.csv` and `frames.csv`.
@@ -57,21 +59,26 @@ pub fn import(
 /// # Errors
 /// Fails if a text violates the format or contains impossible values.
 pub fn parse(layout: impl Read, frames: impl Read, side: Side) -> Result<Recording> {
-    read(layout, Path::new("layout.csv"), frames, Path::new("frames.csv"), side, None, &mut |_| {})
+    let (layout_path, frames_path) = (Path::new("layout.csv"), Path::new("frames.csv"));
+    let layout = read_layout(layout, layout_path)?;
+    let frames = read_frames(frames, frames_path, layout_path, layout.cells.len(), &mut |_| {})?;
+    recording(layout, layout_path, frames, frames_path, side, Span::default(), None)
 }
 
-fn read(
-    layout: impl Read,
+fn recording(
+    layout: Layout,
     layout_path: &Path,
-    frames: impl Read,
+    mut frames: NumberedFrames,
     frames_path: &Path,
     side: Side,
+    span: Span,
     resampled_hz: Option<f64>,
-    progress: &mut dyn FnMut(u64),
 ) -> Result<Recording> {
-    let layout = read_layout(layout, layout_path)?;
-    check::layout(&layout, &layout_path.display().to_string())?;
-    let frames = read_frames(frames, frames_path, layout_path, layout.cells.len(), progress)?;
+    let mut source = format!("CSV import of {} with the layout {}.", file_name(frames_path), file_name(layout_path));
+    if let Some((part, sentence)) = span.part(&frames.t_s, frames_path)? {
+        frames = frames.part(part, layout.cells.len());
+        source += &format!(" {sentence}");
+    }
     let place = |at: At| match at {
         At::Whole => frames_path.display().to_string(),
         At::Frame(frame) => at_line(frames_path, frames.lines[frame]),
@@ -82,7 +89,6 @@ fn read(
         Some(_) => rate::of_uneven(&frames.t_s, &place)?,
     };
     check::pressures(&frames.pressure_kpa, layout.cells.len(), &place)?;
-    let mut source = format!("CSV import of {} with the layout {}.", file_name(frames_path), file_name(layout_path));
     if let Some(sentences) = resampled_hz.and_then(|_| gaps::long_intervals(&frames.t_s)) {
         source += &format!(" {sentences}");
     }
@@ -148,7 +154,10 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
     if columns.region.is_none() {
         template::assign(&mut cells);
     }
-    Ok(Layout { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), cells, sheet: None })
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let layout = Layout { name, cells, sheet: None };
+    check::layout(&layout, &path.display().to_string())?;
+    Ok(layout)
 }
 
 /// The index of each column in the file of the layout.
@@ -275,30 +284,18 @@ fn shared_mm((a, half_a): (f64, f64), (b, half_b): (f64, f64)) -> f64 {
     ((a + half_a).min(b + half_b) - (a - half_a).max(b - half_b)).max(0.0)
 }
 
-/// The frames of a file. All values are finite, the times increase, and no pressure is negative.
-struct Frames {
-    /// Time of each frame, s.
-    t_s: Vec<f64>,
-    /// The line of each frame in the file.
-    lines: Vec<u64>,
-    /// All cells of the first frame, then those of the second one, and so on.
-    pressure_kpa: Vec<f32>,
-    negatives: Negatives,
-}
-
 fn read_frames(
     from: impl Read,
     path: &Path,
     layout_path: &Path,
     cells: usize,
     progress: &mut dyn FnMut(u64),
-) -> Result<Frames> {
+) -> Result<NumberedFrames> {
     let mut reader = table::open(from, path)?;
     let header = table::header(&mut reader, path)?;
     check_frames_header(&header, path, layout_path, cells)?;
     let has_decimal_commas = reader.get_ref().has_decimal_commas;
-    let mut frames =
-        Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new(), negatives: Negatives::default() };
+    let mut frames = NumberedFrames::default();
     let mut separators = Separators::default();
     let (lines, mut record) = (Lines::after_header(&reader), ByteRecord::new());
     while reader.read_byte_record(&mut record).map_err(|e| unreadable(path, e))? {

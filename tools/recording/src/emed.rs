@@ -5,12 +5,13 @@
 //! contain forces in N, with which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped.
 //! Rows are numbered from the top, as seen from above.
 
+use crate::assembly::ParsedExport;
 use crate::export::ONE_CONTACT;
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, SWING_S, Toes, check_period};
 use crate::separators::Separators;
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, shortened, side_of};
-use crate::{Error, Export, Result, units};
+use crate::{Error, Result, units};
 use plantar::Side;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -35,7 +36,7 @@ pub fn recognise(text: &str) -> bool {
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<ParsedExport> {
     let text = decode(bytes, path)?;
     let mut pages = Pages {
         path,
@@ -86,7 +87,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             file_name(path)
         ),
     };
-    Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
+    Ok(ParsedExport { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }
 
 /// The values that were read from the pages so far.

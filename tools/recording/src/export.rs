@@ -2,6 +2,7 @@
 
 use crate::earlier::{EarlierRecording, refuse_fixed, refuse_plate};
 use crate::footprint::capitalised;
+use crate::span::Span;
 use crate::table::tabs;
 use crate::text::{decode, shortened, strip_name};
 use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, pliance, tekscan, xsensor};
@@ -55,6 +56,18 @@ impl Export {
         }
         self
     }
+}
+
+/// What an import selects from an export, and how it determines the layout. The default is all feet and all frames.
+#[derive(Clone, Copy, Default)]
+pub struct Options<'a> {
+    /// The only foot to import from an export that names its feet, or the foot of an export that does not.
+    pub side: Option<Side>,
+    /// The frames to import.
+    pub span: Span,
+    /// If there are any, each foot has the layout of the recording of the same foot among these, instead of one that is fitted
+    /// to the file.
+    pub earlier: &'a [EarlierRecording],
 }
 
 /// A format of which the exported file suffices for an import, without a separate layout or geometry.
@@ -155,24 +168,24 @@ impl Format {
         )
     }
 
-    /// Imports a file of this format. `side` selects a foot of an export that names its feet, or states the foot of an
-    /// export of one foot. If there are `earlier` recordings, each foot has the layout of that of the same foot, instead of one
-    /// that is fitted to the file.
+    /// Imports a file of this format.
     ///
     /// # Errors
-    /// Fails if the file cannot be read or violates its format, or if there are earlier recordings, but none of the same foot on
-    /// the same sensor, or the format has no layout that is fitted to an insole. The message names file, line and remedy.
-    pub fn import(self, path: impl AsRef<Path>, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
+    /// Fails if the file cannot be read or violates its format, if it has no frame within the span, or if there are earlier
+    /// recordings, but none of the same foot on the same sensor, or the format has no layout that is fitted to an insole. The
+    /// message names file, line and remedy.
+    pub fn import(self, path: impl AsRef<Path>, options: Options) -> Result<Export> {
         let path = path.as_ref();
-        self.parse(&fs::read(path).map_err(Error::io(path))?, path, side, earlier)
+        self.parse(&fs::read(path).map_err(Error::io(path))?, path, options)
     }
 
     /// As [`Format::import`], from the content of a file. Messages name `path`.
     ///
     /// # Errors
     /// Fails in the same cases as [`Format::import`], except that no file is read.
-    pub fn parse(self, bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
-        let export = match self {
+    pub fn parse(self, bytes: &[u8], path: &Path, options: Options) -> Result<Export> {
+        let Options { side, span, earlier } = options;
+        let parsed = match self {
             Self::Xsensor => xsensor::parse(bytes, path, side, earlier),
             Self::Tekscan => tekscan::parse(bytes, path, side, earlier),
             Self::Moticon => moticon::parse(bytes, path, side, earlier),
@@ -184,7 +197,7 @@ impl Format {
             Self::Gaitpdb => gaitpdb::parse(bytes, path, side),
             Self::Pliance => pliance::parse(bytes, path, side),
         }?;
-        Ok(export.with_stored_remarks())
+        Ok(parsed.completed(path, span)?.with_stored_remarks())
     }
 }
 
@@ -192,8 +205,8 @@ impl Format {
 ///
 /// # Errors
 /// Fails in the same cases as [`Format::recognise`] and [`Format::import`].
-pub fn import(path: impl AsRef<Path>, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
+pub fn import(path: impl AsRef<Path>, options: Options) -> Result<Export> {
     let path = path.as_ref();
     let bytes = fs::read(path).map_err(Error::io(path))?;
-    Format::recognise(&bytes, path)?.parse(&bytes, path, side, earlier)
+    Format::recognise(&bytes, path)?.parse(&bytes, path, options)
 }

@@ -4,11 +4,12 @@
 //! `Left foot data` or `Right foot data` begins a foot. Each frame begins with `Frame`, its number and its time in ms, and
 //! contains the force on each cell in N. The first row is at the lower edge of the picture of the plate in plan view.
 
+use crate::assembly::ParsedExport;
 use crate::export::ONE_CONTACT;
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, SWING_S, Toes};
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, shortened, side_of};
-use crate::{Error, Export, Result, units, xls};
+use crate::{Error, Result, units, xls};
 use plantar::Side;
 use std::path::Path;
 use std::rc::Rc;
@@ -82,7 +83,7 @@ fn check_no_pressure_unit(fields: &[Rc<str>], place: &dyn Fn() -> String) -> Res
 ///
 /// # Errors
 /// Fails if the file is damaged or a line violates the format. The message names file, line and remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<ParsedExport> {
     let text;
     let rows: Vec<Vec<Rc<str>>> = if is_xls(bytes) {
         xls::rows(bytes).map_err(|reason| {
@@ -152,7 +153,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
         }
         *rows_read += 1;
     }
-    let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
+    let mut export = ParsedExport::default();
     feet.retain(|foot| !foot.rows.is_empty());
     let one_contact = if feet.len() == 1 { format!(" {ONE_CONTACT}") } else { String::new() };
     let wanted = feet.into_iter().filter(|foot| foot.side.is_none() || side.is_none() || foot.side == side);

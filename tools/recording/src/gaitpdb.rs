@@ -6,11 +6,11 @@
 //! the positions are scaled to a foot of 260 mm, and the areas are equal parts of its sole. So forces are measured, and
 //! pressures, areas and ellipses are nominal.
 
-use crate::assembly::UncheckedRecording;
+use crate::assembly::{ParsedExport, UncheckedRecording};
 use crate::table::{at_line, check_later, file_name};
 use crate::text::{decode, number, parse_number};
 use crate::totals::Totals;
-use crate::{Cell, Error, Export, Layout, Result, template};
+use crate::{Cell, Error, Layout, Result, template};
 use plantar::{Region, Side};
 use std::path::Path;
 
@@ -61,7 +61,7 @@ pub fn recognise(text: &str) -> bool {
 /// # Errors
 /// Fails if a line violates the format, or if the frames violate a rule of recordings. The message names the file, the line or
 /// the time, and a remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<ParsedExport> {
     let text = decode(bytes, path)?;
     let (mut t_s, mut forces_n, mut totals): (Vec<f64>, [Vec<f64>; 2], [Totals; 2]) = Default::default();
     for (line, row) in (1..).zip(text.lines()) {
@@ -90,7 +90,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             totals[foot].push_force(sum_n, Some(number(fields[COLUMNS - 2 + foot], "the total force", &place)?));
         }
     }
-    let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
+    let mut export = ParsedExport::default();
     for ((foot, forces_n), totals) in [Side::Left, Side::Right].into_iter().zip(forces_n).zip(totals) {
         if side.is_some_and(|side| side != foot) {
             continue;
@@ -107,7 +107,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
                 foot.name()
             ),
         };
-        export.feet.push(unchecked.recording(path, &mut export.remarks)?);
+        export.feet.push(unchecked);
     }
     export.remarks.push(
         "The positions and areas of the sensors are nominal: forces are measured, pressures and areas are not."

@@ -2,7 +2,7 @@
 //! there are longer ones, only the longest part between them is imported. [`crate::pedar`] and [`crate::csv`] instead refuse an
 //! export with gaps; if the frames will be resampled, [`crate::csv`] refuses only the longer ones.
 
-use crate::text::significant;
+use crate::text::{seconds, significant};
 use std::ops::Range;
 
 /// Longest gap that is filled by interpolation, s, unless the rate is low; see [`longest_filled_s`]. A heel strike takes about
@@ -17,14 +17,14 @@ const SHORTEST_FILLED_PERIOD_S: f64 = 7e-4;
 
 /// Fills gaps of up to [`longest_filled_s`] by linear interpolation. In a longer gap the load is unknown, so the recording is
 /// divided there, and only the part with the most frames remains. `kpa` contains the pressures of `cells` cells for each time.
-/// Returns sentences with the numbers of frames that were interpolated and left out; `None` without a gap.
+/// Returns sentences with the numbers of frames that were interpolated and left out, and with the times of the parts, so that
+/// another one can be selected; `None` without a gap.
 ///
 /// Nothing is changed if the median interval is below [`SHORTEST_FILLED_PERIOD_S`]. Times that do not increase are left as they
 /// are; [`crate::rate::of`] rejects them.
 pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<String> {
     let (period_s, part) = part_to_fill(t_s)?;
-    let longest_filled_s = longest_filled_s(period_s);
-    let left_out = t_s.len() - part.len();
+    let left_out = (part.len() < t_s.len()).then(|| left_out(t_s, &part, period_s));
     let (old_s, old_kpa) = (t_s[part.clone()].to_vec(), kpa[part.start * cells..part.end * cells].to_vec());
     t_s.clear();
     kpa.clear();
@@ -43,13 +43,40 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
     }
     let filled = t_s.len() - old_s.len();
     let filled = (filled > 0).then(|| format!("Lost frames that were interpolated linearly: {filled}."));
-    let left_out = (left_out > 0).then(|| {
-        format!(
-            "Frames are missing for more than {longest_filled_s:.2} s: only the longest part without such a gap was imported. \
-             Frames that were left out: {left_out}."
-        )
-    });
     Some(filled.into_iter().chain(left_out).collect::<Vec<_>>().join(" "))
+}
+
+/// Sentences about the frames that are left out if only this part of the frames remains.
+fn left_out(t_s: &[f64], part: &Range<usize>, period_s: f64) -> String {
+    /// Parts with fewer frames are not listed, because no step fits into them.
+    const LEAST_LISTED_S: f64 = 1.0;
+    /// The largest number of parts that are listed.
+    const MOST_LISTED: usize = 6;
+    let duration_s = |part: &Range<usize>| t_s[part.end - 1] - t_s[part.start];
+    let in_words = |part: &Range<usize>| format!("{} to {}", seconds(t_s[part.start]), seconds(t_s[part.end - 1]));
+    let mut others = parts(t_s, period_s);
+    others.retain(|other| other != part && duration_s(other) >= LEAST_LISTED_S);
+    let count = others.len();
+    let listed: Vec<_> = others.iter().take(MOST_LISTED).map(in_words).collect();
+    let others = match count {
+        0 => String::new(),
+        _ => format!(
+            " With --from and --to, {} can be imported: {}{} s.",
+            if count == 1 { "the other part" } else { "one of the other parts" },
+            listed.join(", "),
+            match count.saturating_sub(MOST_LISTED) {
+                0 => String::new(),
+                more => format!(", and {more} more,"),
+            }
+        ),
+    };
+    format!(
+        "Frames are missing for more than {:.2} s: only the longest part without such a gap was imported, {} s. Frames that were \
+         left out: {}.{others}",
+        longest_filled_s(period_s),
+        in_words(part),
+        t_s.len() - part.len()
+    )
 }
 
 /// The number of frames after [`fill`].
@@ -107,18 +134,21 @@ pub fn median_interval_s(t_s: &[f64]) -> Option<f64> {
     Some(*intervals_s.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The longest range of times without an interval that is too long to be filled. `period_s` is the median interval.
+/// The range of frames with the most frames of the [`parts`]; the first of several.
 fn longest_part(t_s: &[f64], period_s: f64) -> Range<usize> {
-    let (mut longest, mut start) = (0..0, 0);
-    for i in 0..t_s.len() {
-        if i > 0 && !is_filled(t_s[i] - t_s[i - 1], period_s) {
-            start = i;
-        }
-        if i + 1 - start > longest.len() {
-            longest = start..i + 1;
+    parts(t_s, period_s).into_iter().rev().max_by_key(Range::len).unwrap_or_default()
+}
+
+/// The ranges of the frames between the intervals that are too long to be filled. `period_s` is the median interval.
+fn parts(t_s: &[f64], period_s: f64) -> Vec<Range<usize>> {
+    let (mut parts, mut start) = (Vec::new(), 0);
+    for end in 1..=t_s.len() {
+        if end == t_s.len() || !is_filled(t_s[end] - t_s[end - 1], period_s) {
+            parts.push(start..end);
+            start = end;
         }
     }
-    longest
+    parts
 }
 
 #[cfg(test)]
@@ -169,6 +199,17 @@ mod tests {
         let note = fill(&mut t_s, &mut kpa, 2).expect("a gap");
         assert!(note.contains("left out: 10"), "{note}");
         assert_eq!((t_s.len(), t_s[0], kpa[0], kpa.len()), (20, 1.0, 20.0, 40));
+    }
+
+    #[test]
+    fn the_other_parts_are_listed_with_their_times() {
+        let at_20_hz = |start_s: f64, frames: u16| (0..frames).map(move |i| start_s + 0.05 * f64::from(i));
+        let mut t_s: Vec<f64> = at_20_hz(0.0, 31).chain(at_20_hz(2.0, 41)).chain([5.0, 5.05]).collect();
+        let mut kpa = vec![0.0; t_s.len()];
+        let note = fill(&mut t_s, &mut kpa, 1).expect("a gap");
+        assert!(note.contains("imported, 2 to 4 s. Frames that were left out: 33."), "{note}");
+        // The last part is too short for a step.
+        assert!(note.ends_with("With --from and --to, the other part can be imported: 0 to 1.5 s."), "{note}");
     }
 
     #[test]

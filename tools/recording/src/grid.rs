@@ -7,7 +7,7 @@ use crate::gaps::{GAP_INTERVALS, median_interval_s};
 use crate::negatives::Negatives;
 use crate::rate::MIN_HZ;
 use crate::text::seconds;
-use crate::{Cell, Error, Layout, MAX_CELLS, Recording, Result, Sheet, check, template};
+use crate::{Cell, Error, Layout, Result, Sheet, check, template};
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::{Region, Side};
 use std::collections::{BTreeMap, BTreeSet};
@@ -219,13 +219,13 @@ pub struct Foot<'a> {
 
 impl Foot<'_> {
     /// The recording of this foot. Its cells are those that carry load in at least one frame, or those of an earlier recording.
-    /// If there are more than [`MAX_CELLS`], neighbouring cells are merged. Sentences about decisions of the import are added to
+    /// Sentences about decisions of the import are added to
     /// `remarks`.
     ///
     /// # Errors
     /// Fails if no cell is ever loaded, the frames violate a rule of recordings, or the layout of the earlier recording does not
     /// apply. Messages name `path` or the earlier recording.
-    pub fn recording(self, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
+    pub fn recording(self, path: &Path, remarks: &mut Vec<String>) -> Result<UncheckedRecording> {
         let file = path.display().to_string();
         let mut indices: BTreeMap<_, usize> = self.frames.loads.iter().map(|load| (load.cell, 0)).collect();
         if indices.is_empty() {
@@ -308,20 +308,16 @@ impl Foot<'_> {
         note_cells_beyond_foot(&cells, &under_foot, &pressure_kpa, side, remarks);
         let sheet = sheet(&grid, side, &indices, &cells);
         let layout = Layout { name, cells, sheet };
-        let unchecked = UncheckedRecording { side, layout, t_s: frames.t_s, pressure_kpa, source };
-        let recording = unchecked.recording(path, remarks)?;
-        if recording.cells() <= MAX_CELLS {
-            return Ok(recording);
-        }
-        let mut merged = recording.binned(MAX_CELLS)?;
-        // The sentence about the merge becomes a remark, which the import adds to the provenance.
-        let sentence = merged.source.split_off(recording.source.len());
-        remarks.push(format!("{} foot:{sentence}", capitalised(side)));
-        Ok(merged)
+        Ok(UncheckedRecording { side, layout, t_s: frames.t_s, pressure_kpa, source })
     }
 
     /// As [`Foot::recording`], in the layout of `earlier`, a recording of this foot.
-    fn recording_like(self, earlier: &EarlierRecording, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
+    fn recording_like(
+        self,
+        earlier: &EarlierRecording,
+        path: &Path,
+        remarks: &mut Vec<String>,
+    ) -> Result<UncheckedRecording> {
         let Self { side: stated, named, grid, mut frames, name, source, .. } = self;
         let (side, file) = (earlier.side(), path.display().to_string());
         earlier.check_sensor(&name)?;
@@ -357,7 +353,7 @@ impl Foot<'_> {
             ),
         });
         let layout = earlier.layout().clone();
-        UncheckedRecording { side, layout, t_s: frames.t_s, pressure_kpa, source }.recording(path, remarks)
+        Ok(UncheckedRecording { side, layout, t_s: frames.t_s, pressure_kpa, source })
     }
 }
 

@@ -10,12 +10,12 @@
 //!
 //! The positions and areas of the zones are nominal: forces are measured, and pressures, areas and ellipses are not.
 
-use crate::assembly::UncheckedRecording;
+use crate::assembly::{ParsedExport, UncheckedRecording};
 use crate::separators::Separators;
 use crate::table::{another_measurement, at_line, check_later, file_name};
 use crate::text::{decode, number, parse_number, shortened};
 use crate::totals::Totals;
-use crate::{Cell, Error, Export, Layout, Result, units};
+use crate::{Cell, Error, Layout, Result, units};
 use plantar::{Region, Side};
 use std::path::Path;
 
@@ -94,7 +94,7 @@ pub fn recognise(text: &str) -> bool {
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<ParsedExport> {
     let text = decode(bytes, path)?;
     let file = path.display().to_string();
     let Some(units_index) = units_line(&text, '\t').filter(|line| *line > 0) else {
@@ -108,7 +108,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
     let lines: Vec<&str> = text.lines().collect();
     let names: Vec<&str> = lines[units_index - 1].split('\t').map(str::trim).collect();
     let units: Vec<String> = lines[units_index].trim_end().split('\t').map(unit).collect();
-    let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
+    let mut export = ParsedExport::default();
     for foot in [Side::Left, Side::Right] {
         if side.is_some_and(|side| side != foot) {
             continue;
@@ -170,7 +170,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             pressure_kpa,
             source: format!("loadsol measurement {}, {} insole.", file_name(path), foot.name()),
         };
-        export.feet.push(unchecked.recording(path, &mut export.remarks)?);
+        export.feet.push(unchecked);
     }
     if export.feet.is_empty() {
         let problem = "no foot with a time and the forces of its zones: heel, medial, lateral";

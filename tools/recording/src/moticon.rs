@@ -8,14 +8,14 @@
 //! are the same in all sizes and for both feet. They were determined from the exports in the package `moticon-opengo`
 //! (Apache-2.0, Moticon).
 
-use crate::assembly::UncheckedRecording;
+use crate::assembly::{ParsedExport, UncheckedRecording};
 use crate::earlier::EarlierRecording;
 use crate::export::measured_at;
 use crate::footprint::capitalised;
 use crate::least_squares;
 use crate::table::{another_measurement, at_line, check_later, file_name};
 use crate::text::{decode, number, shortened, strip_name};
-use crate::{Cell, Error, Export, Layout, Result, template, units};
+use crate::{Cell, Error, Layout, Result, template, units};
 use plantar::{Region, Side};
 use std::path::Path;
 
@@ -78,7 +78,12 @@ struct Columns {
 /// # Errors
 /// Fails if a line violates the format, or the layout of an earlier recording does not apply. The message names file, line and
 /// remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
+pub(crate) fn parse(
+    bytes: &[u8],
+    path: &Path,
+    side: Option<Side>,
+    earlier: &[EarlierRecording],
+) -> Result<ParsedExport> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
     let Some((header_line, header)) = lines.by_ref().find(|(_, line)| line.starts_with("# time")) else {
@@ -122,7 +127,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[Ea
     if !stated("Size:").is_empty() {
         circumstances += &format!(" The export states size {}.", shortened(stated("Size:")));
     }
-    let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
+    let mut export = ParsedExport::default();
     for foot in [Side::Left, Side::Right].into_iter().filter(|foot| side.is_none_or(|side| side == *foot)) {
         let columns = columns(&names, foot, &at_line(path, header_line))?;
         if let Some(columns) = columns {
@@ -177,7 +182,7 @@ fn read_foot(
     path: &Path,
     circumstances: &str,
     earlier: &[EarlierRecording],
-    export: &mut Export,
+    export: &mut ParsedExport,
 ) -> Result<()> {
     let (mut t_s, mut pressure_kpa, mut totals_n): (Vec<f64>, Vec<f32>, Vec<f64>) = Default::default();
     for (line, row) in rows {
@@ -234,7 +239,7 @@ fn read_foot(
             side.name()
         ),
     };
-    export.feet.push(unchecked.recording(path, &mut export.remarks)?);
+    export.feet.push(unchecked);
     Ok(())
 }
 

@@ -14,8 +14,9 @@
 
 use crate::check::{self, At};
 use crate::export::measured_at;
-use crate::negatives::Negatives;
+use crate::numbered::NumberedFrames;
 use crate::separators::Separators;
+use crate::span::Span;
 use crate::table::{
     self, Lines, another_measurement, at_line, check_blanks, check_later, check_width, empty_field, file_name, number,
     unreadable,
@@ -59,10 +60,10 @@ pub fn import(
     side: Side,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Recording> {
-    Ok(import_feet(asc_path, geometry_path, &[side], progress)?.feet.remove(0))
+    Ok(import_feet(asc_path, geometry_path, &[side], Span::default(), progress)?.feet.remove(0))
 }
 
-/// As [`import`], for each of these feet. [`Export::remarks`] states if the export may be cut off, if it is not known that the
+/// As [`import`], for each of these feet, of the frames within `span`. [`Export::remarks`] states if the export may be cut off, if it is not known that the
 /// geometry is that of the measured insole size, and how many negative pressures were read as 0.
 ///
 /// # Errors
@@ -71,6 +72,7 @@ pub fn import_feet(
     asc_path: impl AsRef<Path>,
     geometry_path: impl AsRef<Path>,
     sides: &[Side],
+    span: Span,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Export> {
     let (asc_path, geometry_path) = (asc_path.as_ref(), geometry_path.as_ref());
@@ -78,7 +80,7 @@ pub fn import_feet(
     let asc = fs::read(asc_path).map_err(Error::io(asc_path))?;
     let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
     for &side in sides {
-        let (foot, remarks) = read(&asc, asc_path, &geometry, geometry_path, side, progress)?;
+        let (foot, remarks) = read(&asc, asc_path, &geometry, geometry_path, side, span, progress)?;
         export.feet.push(foot);
         for remark in remarks {
             // Most remarks are the same for both feet.
@@ -95,7 +97,16 @@ pub fn import_feet(
 /// # Errors
 /// Fails if a line violates the format.
 pub fn parse(asc: &[u8], geometry: &[u8], side: Side) -> Result<Recording> {
-    Ok(read(asc, Path::new("measurement.asc"), geometry, Path::new("geometry.csv"), side, &mut |_, _| {})?.0)
+    Ok(read(
+        asc,
+        Path::new("measurement.asc"),
+        geometry,
+        Path::new("geometry.csv"),
+        side,
+        Span::default(),
+        &mut |_, _| {},
+    )?
+    .0)
 }
 
 /// The recording of a foot, and the remarks, which [`Recording::source`] contains, too.
@@ -105,6 +116,7 @@ fn read(
     geometry: &[u8],
     geometry_path: &Path,
     side: Side,
+    span: Span,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<(Recording, Vec<String>)> {
     let text = decode(asc, asc_path)?;
@@ -113,7 +125,12 @@ fn read(
     let (all_cells, states_insole) = read_geometry(geometry, geometry_path, side, header.sensor_type.as_ref())?;
     let sensors = header.sensors_of(side, all_cells.len(), asc_path, geometry_path)?;
     let cells: Vec<Cell> = sensors.iter().map(|(_, sensor)| all_cells[sensor - 1]).collect();
-    let frames = read_frames(&text, lines, asc_path, &header, &sensors, side, progress)?;
+    let mut frames = read_frames(&text, lines, asc_path, &header, &sensors, side, progress)?;
+    let last_s = frames.t_s.last().copied();
+    let part = span.part(&frames.t_s, asc_path)?.map(|(part, sentence)| {
+        frames = std::mem::take(&mut frames).part(part, cells.len());
+        sentence
+    });
     let place = |at: At| match at {
         At::Whole => asc_path.display().to_string(),
         At::Frame(frame) => at_line(asc_path, frames.lines[frame]),
@@ -140,7 +157,7 @@ fn read(
                 .to_owned(),
         ),
     };
-    let cut_off = header.total_s.zip(frames.t_s.last()).and_then(|(total_s, &last_s)| {
+    let cut_off = header.total_s.zip(last_s).and_then(|(total_s, last_s)| {
         // The stated time may count the intervals between the frames or the frames, and be rounded.
         (total_s - last_s > 1.5 / rate_hz + TOTAL_ROUNDING_S).then(|| {
             format!(
@@ -150,7 +167,8 @@ fn read(
             )
         })
     });
-    let remarks: Vec<String> = not_compared.into_iter().chain(cut_off).chain(frames.negatives.remark(side)).collect();
+    let remarks: Vec<String> =
+        part.into_iter().chain(not_compared).chain(cut_off).chain(frames.negatives.remark(side)).collect();
     let recording = Recording {
         side,
         layout,
@@ -293,17 +311,6 @@ fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
     ([x / (3.0 * doubled_mm2), y / (3.0 * doubled_mm2)], doubled_mm2.abs() / 2.0)
 }
 
-/// The frames of one foot in a file. All values are finite, the times increase, and no pressure is negative.
-struct Frames {
-    /// Time of each frame, s.
-    t_s: Vec<f64>,
-    /// The line of each frame in the file.
-    lines: Vec<u64>,
-    /// All cells of the first frame, then those of the second one, and so on.
-    pressure_kpa: Vec<f32>,
-    negatives: Negatives,
-}
-
 /// The type of the sensors of both insoles.
 struct SensorType {
     /// As in the export, such as `y-1865l-1870r-pxf306-11mar2021`.
@@ -443,10 +450,9 @@ fn read_frames<'a>(
     sensors: &[(usize, usize)],
     side: Side,
     progress: &mut dyn FnMut(u64, u64),
-) -> Result<Frames> {
+) -> Result<NumberedFrames> {
     let total_bytes = text.len() as u64;
-    let mut frames =
-        Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new(), negatives: Negatives::default() };
+    let mut frames = NumberedFrames::default();
     let mut separators = Separators::default();
     let kpa_per_unit = header.unit.as_ref().map_or(1.0, |unit| unit.kpa) as f32;
     while let Some((line, row)) = lines.next() {

@@ -5,12 +5,13 @@
 //! may follow. The lines from `x[0]` to `y[3]`, or from `x[1]` to `y[4]`, state the corners of the sensors in cm, x to the right
 //! and y to the top, as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
 
+use crate::assembly::ParsedExport;
 use crate::export::{ONE_CONTACT, measured_at};
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::separators::Separators;
 use crate::table::{another_measurement, at_line, check_blanks, check_later, check_width, file_name};
 use crate::text::{decode, novel_time, number, parse_number, side_of, strip_name};
-use crate::{Error, Export, Result, units};
+use crate::{Error, Result, units};
 use plantar::Side;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -39,7 +40,7 @@ fn has_line(text: &str, name: &str) -> bool {
 /// # Errors
 /// Fails if the table or the corners are missing, if the sensors are not equal rectangles, or if a line violates the format. The
 /// message names the file, the line if there is one, and a remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<ParsedExport> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
     let (mut stated_unit, mut time) = (None, "");
@@ -112,7 +113,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Exp
             if stated_unit.is_some() { "" } else { " The export states no unit: kPa is assumed." }
         ),
     };
-    Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
+    Ok(ParsedExport { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }
 
 /// True if the first field of a line begins a title and not a frame. `NaN` and `inf`, which Rust parses as numbers, are damaged

@@ -69,7 +69,7 @@ pub fn of_uneven(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
                 t_s[i + 1] - t_s[i],
                 longest_filled_s(median_s)
             ),
-            "split the recording at this frame",
+            "split the recording at this frame, as plantar import does with --from and --to",
         ));
     }
     mean_hz(t_s, place)

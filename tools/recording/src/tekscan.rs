@@ -5,13 +5,14 @@
 //! stands for a cell outside of the sensor. Lines that begin with `@@`, such as the last one, have no values. Insoles are
 //! exported with the toes in the first row, as seen from above. Mirrored exports are refused.
 
+use crate::assembly::ParsedExport;
 use crate::earlier::EarlierRecording;
 use crate::export::measured_at;
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes, check_period};
 use crate::separators::Separators;
 use crate::table::{another_measurement, at_line, file_name};
 use crate::text::{decode, first_number, number, parse_number, shortened, side_of};
-use crate::{Error, Export, Result, units};
+use crate::{Error, Result, units};
 use plantar::Side;
 use std::path::Path;
 
@@ -73,7 +74,12 @@ struct Header<'a> {
 /// # Errors
 /// Fails if a line violates the format, or the layout of an earlier recording does not apply. The message names file, line and
 /// remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
+pub(crate) fn parse(
+    bytes: &[u8],
+    path: &Path,
+    side: Option<Side>,
+    earlier: &[EarlierRecording],
+) -> Result<ParsedExport> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
     let header = header(&mut lines, path)?;
@@ -163,7 +169,7 @@ pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[Ea
             measured_at(header.time)
         ),
     };
-    Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
+    Ok(ParsedExport { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }
 
 /// True for an F-Scan insole: by its name, by its number (3000, 3000E and the like), or by its 60 rows of 21 cells with a spacing

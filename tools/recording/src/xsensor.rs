@@ -9,11 +9,12 @@
 
 mod insole;
 
+use crate::assembly::ParsedExport;
 use crate::earlier::EarlierRecording;
 use crate::separators::Separators;
 use crate::table::{at_line, unreadable};
 use crate::text::{decode, first_number, number, parse_number, shortened};
-use crate::{Error, Export, Result, clock, units};
+use crate::{Error, Result, clock, units};
 use csv::{ReaderBuilder, StringRecord, Trim};
 use insole::{Insole, check_equal, count, size_mm};
 use plantar::Side;
@@ -33,7 +34,12 @@ pub fn recognise(text: &str) -> bool {
 /// # Errors
 /// Fails if a line violates the format, or the layout of an earlier recording does not apply. The message names file, line and
 /// remedy.
-pub(crate) fn parse(bytes: &[u8], path: &Path, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
+pub(crate) fn parse(
+    bytes: &[u8],
+    path: &Path,
+    side: Option<Side>,
+    earlier: &[EarlierRecording],
+) -> Result<ParsedExport> {
     let text = decode(bytes, path)?;
     let mut reader = Reader {
         path,
@@ -334,7 +340,7 @@ impl Reader<'_> {
     }
 
     /// The recordings of the feet.
-    fn export(self, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
+    fn export(self, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<ParsedExport> {
         let file = self.path.display().to_string();
         if self.frames.is_empty() {
             return Err(Error::content(file, "no line begins with FRAME", "export all frames as CSV"));
@@ -357,7 +363,7 @@ impl Reader<'_> {
                  frames and at least 6 s",
             ));
         }
-        let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
+        let mut export = ParsedExport::default();
         for (foot, insole) in [Side::Left, Side::Right].into_iter().zip(self.insoles) {
             let Some(insole) = insole.filter(|insole| !insole.indices.is_empty()) else { continue };
             if side.is_none_or(|side| side == foot) {

@@ -1,7 +1,7 @@
 //! The CSV import: valid files are imported. For invalid files the error names the file, the line and a remedy.
 
 use plantar::{Region, Side};
-use recording::{Recording, Result, csv};
+use recording::{Recording, Result, Span, csv};
 use std::fmt::Write;
 use tempfile::TempDir;
 
@@ -20,7 +20,7 @@ fn import_at(rate_hz: Option<f64>, layout: &str, frames: &str) -> Result<Recordi
     let (layout_path, frames_path) = (folder.path().join("layout.csv"), folder.path().join("frames.csv"));
     std::fs::write(&layout_path, layout).unwrap();
     std::fs::write(&frames_path, frames).unwrap();
-    csv::import(layout_path, frames_path, Side::Left, rate_hz, &mut |_, _| {})
+    csv::import(layout_path, frames_path, Side::Left, Span::default(), rate_hz, &mut |_, _| {})
 }
 
 #[track_caller]
@@ -110,7 +110,7 @@ fn progress_ends_at_the_size_of_the_file() {
     }
     std::fs::write(&paths[1], &frames).unwrap();
     let mut reports = Vec::new();
-    csv::import(&paths[0], &paths[1], Side::Left, None, &mut |done, total| {
+    csv::import(&paths[0], &paths[1], Side::Left, Span::default(), None, &mut |done, total| {
         reports.push((done, total));
     })
     .unwrap();
@@ -281,6 +281,27 @@ fn the_error_for_a_gap_in_time_names_its_line() {
     assert_refused(LAYOUT, &frames, &["frames.csv:6", "0.040000 s after", "split the recording"]);
 }
 
+/// Times that are not uniform, and a pressure that is too large, are outside of the span.
+#[test]
+fn frames_outside_of_the_span_are_not_checked() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let paths = ["layout.csv", "frames.csv"].map(|name| folder.path().join(name));
+    let frames = "t_s,c0,c1\n0,60000,1\n1,2,3\n1.01,4,5\n1.02,6,7\n3,8,9\n";
+    std::fs::write(&paths[0], LAYOUT).and_then(|()| std::fs::write(&paths[1], frames)).expect("written");
+    let span = Span { from_s: 0.5, to_s: 2.0 };
+    let recording = csv::import(&paths[0], &paths[1], Side::Left, span, None, &mut |_, _| {}).unwrap();
+    assert_eq!((recording.t_s, recording.pressure_kpa), (vec![1.0, 1.01, 1.02], vec![2.0, 3.0, 4.0, 5.0, 6.0, 7.0]));
+    assert!(recording.source.ends_with("Only the frames from 0.5 to 2 s were imported. Frames that were left out: 2."));
+    let span = Span { to_s: 1.01, ..span };
+    let short = csv::import(&paths[0], &paths[1], Side::Left, span, None, &mut |_, _| {}).unwrap();
+    assert_eq!(short.frames(), 2);
+    // A message names the line of the file.
+    let span = Span { from_s: 0.0, to_s: 1.01 };
+    let error =
+        csv::import(&paths[0], &paths[1], Side::Left, span, Some(50.0), &mut |_, _| {}).unwrap_err().to_string();
+    assert!(error.contains("frames.csv:3"), "{error}");
+}
+
 /// Resampling would refuse the longer gap, too.
 #[test]
 fn the_error_for_a_gap_in_time_offers_resampling_only_if_it_accepts_the_gap() {
@@ -327,7 +348,9 @@ fn fewer_than_two_frames_are_rejected() {
 
 #[test]
 fn the_error_names_a_missing_file() {
-    let error = csv::import("nowhere.csv", "nothing.csv", Side::Left, None, &mut |_, _| {}).unwrap_err().to_string();
+    let error = csv::import("nowhere.csv", "nothing.csv", Side::Left, Span::default(), None, &mut |_, _| {})
+        .unwrap_err()
+        .to_string();
     assert!(error.starts_with("nowhere.csv: "), "{error}");
 }
 

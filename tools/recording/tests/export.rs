@@ -3,7 +3,7 @@
 mod common;
 
 use plantar::{Region, Side};
-use recording::{Error, Format, Recording, footprint};
+use recording::{Error, Format, Options, Recording, footprint};
 use std::path::Path;
 use std::process::Command;
 
@@ -81,7 +81,8 @@ fn moticon_walks_agree_with_the_vendors_total_force_within_half_a_newton() {
         let member = format!("moticon_opengo-1.0.3/tests/testdata/{name}");
         let output = Command::new("tar").arg("-xzOf").arg(&archive).arg(&member).output().expect("tar can be started");
         assert!(output.status.success(), "{member} is in the archive");
-        let export = Format::Moticon.parse(&output.stdout, Path::new(name), None, &[]).expect("the export is read");
+        let export =
+            Format::Moticon.parse(&output.stdout, Path::new(name), Options::default()).expect("the export is read");
         assert_eq!(export.feet.iter().map(|foot| foot.side).collect::<Vec<_>>(), [Side::Left, Side::Right]);
         let text = String::from_utf8(output.stdout).expect("UTF-8");
         for foot in &export.feet {
@@ -116,10 +117,10 @@ mod unpublished {
     use super::check_walk;
     use super::common::recordings;
     use plantar::Side;
-    use recording::{Export, export, footprint};
+    use recording::{Export, Options, export, footprint};
 
     fn import(name: &str) -> Export {
-        export::import(recordings().join(name), None, &[]).expect("the export is read")
+        export::import(recordings().join(name), Options::default()).expect("the export is read")
     }
 
     #[test]

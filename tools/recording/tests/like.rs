@@ -7,7 +7,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::{Region, Side};
 use recording::{
-    Cell, EarlierRecording, Export, FootZero, Format, Layout, Recording, Result, StandingTrial, VirtualInsole,
+    Cell, EarlierRecording, Export, FootZero, Format, Layout, Options, Recording, Result, StandingTrial, VirtualInsole,
 };
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -46,7 +46,7 @@ fn step(side: Side, frames: usize) -> String {
 }
 
 fn parse_like(format: Format, text: &str, side: Option<Side>, earlier: &[EarlierRecording]) -> Result<Export> {
-    format.parse(text.as_bytes(), Path::new("walk.asf"), side, earlier)
+    format.parse(text.as_bytes(), Path::new("walk.asf"), Options { side, earlier, ..Options::default() })
 }
 
 /// The recording of the only foot of a Tekscan export, with the layout of an earlier recording, if there is one.

@@ -4,7 +4,8 @@ mod common;
 
 use common::assert_message;
 use plantar::{Region, Side};
-use recording::{Export, Format, Result};
+use recording::{Export, Format, Options, Result, Span};
+use std::path::Path;
 
 /// Areas of the cells, cm².
 const AREAS_CM2: [f64; 16] =
@@ -95,6 +96,33 @@ fn lost_frames_are_interpolated_and_those_at_the_beginning_are_left_out() {
         "{:?}",
         export.remarks
     );
+}
+
+/// The right foot lacks the frames from 0.8 to 0.99 s. Alone, only its longest part remains; the span selects the other one, of
+/// both feet, in the same layout.
+#[test]
+fn a_span_selects_the_frames_of_both_feet_before_a_gap_is_searched_for() {
+    let text = text(&(80..100).collect::<Vec<_>>());
+    let whole = parse(&text).unwrap();
+    let [left, right] = &whole.feet[..] else { panic!("two feet") };
+    assert_eq!((left.frames(), right.frames(), right.t_s[79]), (150, 80, 0.79));
+    let remark = "only the longest part without such a gap was imported, 0 to 0.79 s. Frames that were left out: 50.";
+    assert!(right.source.contains(remark) && !left.source.contains(remark), "{}", right.source);
+
+    let options = Options { span: Span { from_s: 1.0, to_s: 1.4 }, ..Options::default() };
+    let later = Format::Moticon.parse(text.as_bytes(), Path::new("walk.txt"), options).unwrap();
+    for (foot, whole) in later.feet.iter().zip(&whole.feet) {
+        assert_eq!((foot.frames(), foot.t_s[0], foot.t_s[40]), (41, 1.0, 1.4));
+        assert_eq!(foot.layout, whole.layout);
+        for i in 0..41 {
+            assert!((foot.force_n(i) - total_n(100 + i)).abs() < 1.0, "frame {i}");
+        }
+        assert!(foot.source.contains("foot: Only the frames from 1 to 1.4 s were imported."), "{}", foot.source);
+        assert!(!foot.source.contains("Frames are missing"), "{}", foot.source);
+    }
+    let options = Options { span: Span { from_s: 1.5, ..Span::default() }, ..Options::default() };
+    let nothing = Format::Moticon.parse(text.as_bytes(), Path::new("walk.txt"), options);
+    assert_message(nothing, "walk.txt: no frame from 1.5 s; the frames are from 0 to 1.49 s", &["--from and --to"]);
 }
 
 #[test]

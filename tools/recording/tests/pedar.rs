@@ -3,7 +3,7 @@
 mod common;
 
 use plantar::Side;
-use recording::{Recording, Result, pedar};
+use recording::{Recording, Result, Span, pedar};
 use tempfile::TempDir;
 
 const GEOMETRY: &str = "side,sensor,area_mm2,x1_mm,y1_mm,x2_mm,y2_mm,x3_mm,y3_mm,x4_mm,y4_mm\n\
@@ -113,7 +113,9 @@ fn an_export_that_ends_before_its_stated_time_has_a_remark() {
     for (total, is_cut_off) in [("0.030", false), ("0,040", false), ("15.050", true)] {
         let asc = format!("total time [secs]:  {total}\ttime per frame [secs]:  0.01\tscanning rate [Hz]: 100\n{ASC}");
         std::fs::write(&paths[0], asc).unwrap();
-        let export = pedar::import_feet(&paths[0], &paths[1], &[Side::Left, Side::Right], &mut |_, _| {}).unwrap();
+        let export =
+            pedar::import_feet(&paths[0], &paths[1], &[Side::Left, Side::Right], Span::default(), &mut |_, _| {})
+                .unwrap();
         let remarks = export.remarks.iter().filter(|remark| remark.contains("cut off"));
         assert_eq!(remarks.count(), usize::from(is_cut_off), "{total}: {:?}", export.remarks);
         for foot in &export.feet {
@@ -121,6 +123,28 @@ fn an_export_that_ends_before_its_stated_time_has_a_remark() {
             assert_eq!(words.iter().all(|word| foot.source.contains(word)), is_cut_off, "{}", foot.source);
         }
     }
+}
+
+/// The span does not hide that the export is cut off.
+#[test]
+fn a_span_applies_to_both_feet() {
+    let folder = TempDir::new().unwrap();
+    let paths = ["walk.asc", "geometry.csv"].map(|name| folder.path().join(name));
+    std::fs::write(&paths[0], format!("total time [secs]:  15.05\n{ASC}")).unwrap();
+    std::fs::write(&paths[1], GEOMETRY).unwrap();
+    let import = |span| pedar::import_feet(&paths[0], &paths[1], &[Side::Left, Side::Right], span, &mut |_, _| {});
+    let whole = import(Span::default()).unwrap();
+    let export = import(Span { from_s: 0.02, ..Span::default() }).unwrap();
+    for (foot, whole) in export.feet.iter().zip(&whole.feet) {
+        let left_out = whole.t_s.iter().filter(|t_s| **t_s < 0.02).count();
+        assert!(left_out > 0 && foot.frames() > 1);
+        assert_eq!(foot.t_s, whole.t_s[left_out..]);
+        assert_eq!(foot.pressure_kpa, whole.pressure_kpa[left_out * whole.cells()..]);
+        let words = [&format!("Frames that were left out: {left_out}."), "cut off"];
+        assert!(words.iter().all(|word| foot.source.contains(*word)), "{}", foot.source);
+    }
+    let error = import(Span { from_s: 1.0, ..Span::default() }).unwrap_err().to_string();
+    assert!(error.contains("walk.asc: no frame from 1 s") && error.contains("to 0.03 s"), "{error}");
 }
 
 /// The geometry of all sensors with the size of the insole.
@@ -140,7 +164,9 @@ fn a_geometry_of_another_insole_size_is_refused_and_an_unknown_size_has_a_remark
     let remarks = |asc: &str, geometry: &str| {
         std::fs::write(&paths[0], asc).unwrap();
         std::fs::write(&paths[1], geometry).unwrap();
-        let export = pedar::import_feet(&paths[0], &paths[1], &[Side::Left, Side::Right], &mut |_, _| {}).unwrap();
+        let export =
+            pedar::import_feet(&paths[0], &paths[1], &[Side::Left, Side::Right], Span::default(), &mut |_, _| {})
+                .unwrap();
         assert!(export.feet.iter().all(|foot| export.remarks.iter().all(|remark| foot.source.contains(remark))));
         export.remarks.join(" ")
     };

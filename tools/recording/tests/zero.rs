@@ -6,7 +6,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{
-    FootZero, Format, FrameSource, MAX_CELLS, Recording, RecordingReader, StandingTrial, VirtualInsole, Zero,
+    FootZero, Format, FrameSource, MAX_CELLS, Options, Recording, RecordingReader, StandingTrial, VirtualInsole, Zero,
 };
 use std::path::Path;
 
@@ -333,7 +333,11 @@ fn the_zero_of_a_moticon_recording_does_not_apply_to_another_one() {
             let loaded = if frame < 25 { 10 } else { 0 };
             text += &format!("0.{frame:02}{}\t{}\n", format!("\t{loaded}").repeat(16), loaded * 16 * newtons_per_n_cm2);
         }
-        Format::Moticon.parse(text.as_bytes(), Path::new("walk.txt"), None, &[]).expect("a recording").feet.remove(0)
+        Format::Moticon
+            .parse(text.as_bytes(), Path::new("walk.txt"), Options::default())
+            .expect("a recording")
+            .feet
+            .remove(0)
     };
     let [standing, walk] = [12, 13].map(measurement);
     let id = virtual_insole(&standing).setup.layout_id;

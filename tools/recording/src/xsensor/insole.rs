@@ -1,12 +1,13 @@
 //! One insole of an export: its description, its frames, and its recording.
 
+use crate::assembly::ParsedExport;
 use crate::earlier::EarlierRecording;
 use crate::footprint::capitalised;
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes};
 use crate::table::file_name;
 use crate::text::shortened;
 use crate::totals::Totals;
-use crate::{Error, Export, Result, units};
+use crate::{Error, Result, units};
 use plantar::Side;
 use std::path::Path;
 
@@ -46,7 +47,7 @@ impl Insole {
         t_s: &[f64],
         earlier: &[EarlierRecording],
         path: &Path,
-        export: &mut Export,
+        export: &mut ParsedExport,
     ) -> Result<()> {
         let (width_mm, height_mm) = (self.cell_width_mm.unwrap_or(1.0), self.cell_height_mm.unwrap_or(1.0));
         self.frames.t_s = self.indices.iter().map(|&i| t_s[i]).collect();

@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 use plantar::{Region, Side};
-use recording::{Error, Export, Format, Recording};
+use recording::{Error, Export, Format, Options, Recording};
 use std::path::{Path, PathBuf};
 
 /// Rows and columns of the sensor.
@@ -50,7 +50,7 @@ pub fn force_n(side: Side, frame: usize, area_mm2: f64) -> f64 {
 
 /// Parses a text as a file of this name.
 pub fn parse(format: Format, name: &str, text: &[u8], side: Option<Side>) -> recording::Result<Export> {
-    format.parse(text, Path::new(name), side, &[])
+    format.parse(text, Path::new(name), Options { side, ..Options::default() })
 }
 
 /// Checks that an import fails with a message that begins with `place`, the file and perhaps the line, and contains `words`.
