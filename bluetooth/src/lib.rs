@@ -65,6 +65,9 @@ const LINK: RequestedConnParams = RequestedConnParams {
 /// Timeout of sending this request: a radio that does not take it must not keep the insole from serving the central.
 const LINK_REQUEST: Duration = Duration::from_secs(1);
 
+/// Least ATT MTU that a central may have, bytes (Bluetooth Core Specification 5.4, Vol. 3, Part G, 5.2.1).
+const LEAST_ATT_MTU: usize = 23;
+
 /// The HCI byte stream (H4) between radio and Bluetooth host, in one direction.
 pub type HciPipe = Pipe<CriticalSectionRawMutex, 128>;
 
@@ -341,14 +344,19 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
     }
 }
 
-/// Sends values until the central disconnects.
+/// Sends values until the central disconnects. Nothing is sent before the link of a bonded central is encrypted: the host assigns
+/// the stored subscriptions to the central's address, which a stranger can copy.
 async fn send(connection: &Connected<'_, '_>, table: &Table, insole: &dyn GattServer) -> Result<(), Error> {
     let mut value = [0; gatt::MAX_VALUE];
     loop {
         insole.changed().wait().await;
-        // A notification has a header of three bytes.
+        if guard(connection).is_err() {
+            continue;
+        }
+        // A notification has a header of three bytes. A central can request an ATT MTU below the least valid one, which the host
+        // does not refuse.
         while let Some((channel, len)) = {
-            let room = usize::from(connection.raw().att_mtu()) - 3;
+            let room = usize::from(connection.raw().att_mtu()).max(LEAST_ATT_MTU) - 3;
             insole.next(&mut value[..room.min(gatt::MAX_VALUE)])
         } {
             let value = &value[..len];

@@ -508,6 +508,61 @@ fn no_packet_of_a_stranger_restarts_the_insole() {
     stream_steps(&mut world, &mut owner, 1);
 }
 
+/// A stranger can copy the address of a bonded phone, and receives nothing before the link is encrypted, although the insole
+/// remembers the subscriptions of this address.
+#[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
+fn nothing_is_notified_before_the_link_is_encrypted() {
+    let mut world = World::start(WALK(4));
+    let mut phone = world.bonded_phone(247);
+    world.radio.request(json!({"do": "subscribe", "phone": phone.name, "to": RSC_MEASUREMENT}));
+    phone.disconnect(&mut world.radio);
+    phone.connect_without_discovery(&mut world.radio, 247);
+    world.radio.request(json!({"do": "listen", "phone": phone.name}));
+    // The number of notifications after this number of scans, and after further packets have passed in both directions.
+    let notified = |world: &mut World, phone: &Phone, scans: u32| {
+        world.insole.play(scans);
+        let mut further = 50;
+        while further > 0 {
+            phone.read(&mut world.radio, CURRENT_TIME);
+            further -= u32::from(world.insole.board.plant().scans() >= scans);
+        }
+        world.radio.events.iter().filter(|(_, line)| line.get("notified").is_some()).count()
+    };
+    let scans = world.insole.scans();
+    assert_eq!(notified(&mut world, &phone, scans / 2), 0);
+    world.radio.request(json!({"do": "encrypt", "phone": phone.name}));
+    assert!(notified(&mut world, &phone, scans) > 0);
+}
+
+/// A central may request an ATT MTU that is too short for any value.
+#[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
+fn an_att_mtu_below_the_least_valid_one_does_not_restart_the_insole() {
+    const EXCHANGE_MTU: u8 = 0x02;
+    let mut world = World::start(WALK(1));
+    let mut owner = world.bonded_phone(247);
+    let before = owner.status(&mut world.radio);
+    owner.disconnect(&mut world.radio);
+    // This phone never subscribes, so that the insole does not wait for a confirmation of its answers.
+    let mut phone = world.new_phone(2);
+    phone.connect(&mut world.radio, 23);
+    world.radio.request(json!({"do": "pair", "phone": phone.name}));
+    for mtu in [0, 1, 4, 22] {
+        phone.packets(&mut world.radio, 4, &[vec![EXCHANGE_MTU, mtu, 0]]);
+        phone.send(&mut world.radio, ToDevice::Connect { major: MAJOR, minor: MINOR });
+        phone.read(&mut world.radio, CURRENT_TIME);
+        phone.disconnect(&mut world.radio);
+        phone.connect_without_discovery(&mut world.radio, 23);
+        world.radio.request(json!({"do": "encrypt", "phone": phone.name}));
+    }
+    phone.disconnect(&mut world.radio);
+    owner.reopen(&mut world.radio, 247);
+    let after = owner.status(&mut world.radio);
+    assert!(!after.is_after_restart(&before), "{before:?}, {after:?}");
+    stream_steps(&mut world, &mut owner, 1);
+}
+
 /// Plays the walk to its end, and waits for this number of steps.
 fn stream_steps(world: &mut World, phone: &mut Phone, steps: usize) {
     world.insole.play(u32::MAX);

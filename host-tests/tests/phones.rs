@@ -56,7 +56,7 @@ pub struct RadioSimulation {
     /// The lines that the simulation writes, and their times of arrival.
     lines: Receiver<(Instant, Value)>,
     /// Events of the phones that no test has read yet.
-    events: VecDeque<(Instant, Value)>,
+    pub events: VecDeque<(Instant, Value)>,
 }
 
 impl RadioSimulation {

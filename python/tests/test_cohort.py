@@ -7,6 +7,8 @@ import shutil
 import socket
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 from typing import Any
 
@@ -93,6 +95,29 @@ def test_options_are_those_of_the_command_line(study_folder: pathlib.Path, tmp_p
     assert cohort.main([str(study_folder), "--out", str(tmp_path / "dask"), *options]) == 0
     plantar_program("cohort", study_folder, "--out", tmp_path / "rust", *options)
     pd.testing.assert_frame_equal(table(tmp_path / "dask"), table(tmp_path / "rust"))
+
+
+@pytest.mark.parametrize("local", ["threads", "processes"])
+def test_other_programs_cannot_use_the_cluster_of_a_local_run(local: str) -> None:
+    client = cohort._client(local)
+    try:
+        address = client.cluster.scheduler_address
+        port = client.scheduler_info()["services"]["dashboard"]
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/json/identity.json")
+        if local == "threads":
+            assert address.startswith("inproc://")
+            return
+        assert address.startswith("tls://127.0.0.1:")
+        with pytest.raises(OSError):
+            distributed.Client(address.replace("tls://", "tcp://"), timeout="2s")
+        # With a key of its own, but not that of the cluster.
+        with pytest.raises(OSError):
+            distributed.Client(address, timeout="2s", security=distributed.Security.temporary())
+    finally:
+        cluster = client.cluster
+        client.close()
+        cluster.close()
 
 
 def test_two_workers_of_a_scheduler_write_the_rows_of_the_command_line(

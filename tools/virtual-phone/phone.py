@@ -414,6 +414,12 @@ class World:
             # bumble confirms an indication in this handler.
             phone.peer.gatt_client.on_att_handle_value_indication = lambda _: None
             return {}
+        if do == 'listen':
+            # Reports each notification, also of a characteristic to which the phone did not subscribe in this connection.
+            phone.peer.gatt_client.on_att_handle_value_notification = lambda notification: write(
+                notified=notification.attribute_handle, phone=phone.name
+            )
+            return {}
         if do == 'cut':
             # Both ends detect the loss of the link by themselves, without a message between them.
             for controller, _ in self.radios.values():

@@ -21,6 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import dask
 import distributed
 import fsspec
 import pyarrow
@@ -303,12 +304,18 @@ def _client(scheduler: str) -> distributed.Client:
     """A client of this scheduler, or of a local cluster."""
     if scheduler in ("threads", "processes"):
         is_processes = scheduler == "processes"
-        cluster = distributed.LocalCluster(
-            n_workers=CPU_COUNT if is_processes else 1,
-            threads_per_worker=1 if is_processes else CPU_COUNT,
-            processes=is_processes,
-            dashboard_address="127.0.0.1:0",
-        )
+        # Whoever connects to a scheduler can run programs as this user, so other users of this computer must not: its processes
+        # authenticate each other. The HTTP servers of Dask cannot be omitted, but serve nothing.
+        with dask.config.set({f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker")}):
+            cluster = distributed.LocalCluster(
+                n_workers=CPU_COUNT if is_processes else 1,
+                threads_per_worker=1 if is_processes else CPU_COUNT,
+                processes=is_processes,
+                security=True if is_processes else None,
+                dashboard_address="127.0.0.1:0",
+                worker_dashboard_address="127.0.0.1:0",
+                scheduler_kwargs={"dashboard": False},
+            )
         return distributed.Client(cluster)
     try:
         return distributed.Client(scheduler, timeout=_CONNECT_TIMEOUT)

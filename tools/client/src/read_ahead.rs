@@ -8,6 +8,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
 
+/// Largest number of chunks that wait for the caller: those of more than a minute at the highest rate of an insole, and at most
+/// 64 MiB. After that, the thread waits, and the operating system discards bytes of a serial port.
+const MOST_CHUNKS: usize = 16_384;
+/// Size of a chunk, bytes.
+const CHUNK_BYTES: usize = 4096;
+
 /// A byte stream that another thread reads. Without it, a serial port loses bytes while the caller writes to a slow disk: the
 /// operating system stores only some thousand bytes, and the insole does not wait. A read waits at most [`READ_TIMEOUT`].
 pub struct ReadAhead<W> {
@@ -25,11 +31,11 @@ impl<W> ReadAhead<W> {
     /// `reader` must return within a second, with [`io::ErrorKind::TimedOut`] or [`io::ErrorKind::WouldBlock`] if no byte
     /// arrived.
     pub fn new(mut reader: impl Read + Send + 'static, writer: W) -> Self {
-        let (sender, chunks) = mpsc::channel();
+        let (sender, chunks) = mpsc::sync_channel(MOST_CHUNKS);
         let has_ended = Arc::new(AtomicBool::new(false));
         let ends = has_ended.clone();
         let thread = thread::spawn(move || {
-            let mut buffer = [0; 4096];
+            let mut buffer = [0; CHUNK_BYTES];
             while !ends.load(Ordering::Relaxed) {
                 let chunk = match reader.read(&mut buffer) {
                     Ok(0) => return,
@@ -75,6 +81,8 @@ impl<W: Write> Write for ReadAhead<W> {
 impl<W> Drop for ReadAhead<W> {
     fn drop(&mut self) {
         self.has_ended.store(true, Ordering::Relaxed);
+        // The thread may wait for room in the queue. Without a receiver, it ends.
+        self.chunks = mpsc::sync_channel(0).1;
         if let Some(thread) = self.thread.take() {
             // A serial port can be opened again only once the thread has closed its handle. A panic of the thread has already
             // been printed, and has no further effect.
@@ -87,6 +95,7 @@ impl<W> Drop for ReadAhead<W> {
 mod tests {
     use super::*;
     use std::net::{Ipv4Addr, TcpListener, TcpStream};
+    use std::sync::atomic::AtomicUsize;
     use std::time::Duration;
 
     /// Two ends of a connection. Writes and reads of the second one fail after a timeout.
@@ -118,6 +127,27 @@ mod tests {
         assert_eq!(stream.read(&mut buffer).expect_err("there are no more bytes").kind(), io::ErrorKind::TimedOut);
         drop(other);
         assert!((0..200).any(|_| matches!(stream.read(&mut buffer), Ok(0))));
+    }
+
+    /// A device that sends more than the program reads does not exhaust the memory, and the thread ends although it waits.
+    #[test]
+    fn a_thread_that_waits_for_room_in_the_queue_ends_with_the_stream() {
+        /// Counts the reads.
+        struct Endless(Arc<AtomicUsize>);
+        impl Read for Endless {
+            fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+                self.0.fetch_add(1, Ordering::Relaxed);
+                Ok(buffer.len())
+            }
+        }
+        let reads = Arc::new(AtomicUsize::new(0));
+        let stream = ReadAhead::new(Endless(reads.clone()), io::sink());
+        // The last chunk that was read does not fit into the queue.
+        while reads.load(Ordering::Relaxed) <= MOST_CHUNKS {
+            thread::yield_now();
+        }
+        drop(stream);
+        assert_eq!(reads.load(Ordering::Relaxed), MOST_CHUNKS + 1);
     }
 
     #[test]

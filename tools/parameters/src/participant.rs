@@ -4,7 +4,7 @@ use crate::{Error, InsoleSize, message};
 use serde::{Deserialize, Deserializer, de};
 use std::fmt;
 use std::ops::RangeInclusive;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use toml::Value;
 
 /// The content of a `participant.toml`. All entries are optional.
@@ -147,11 +147,16 @@ fn sex<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Sex>, D::Error> {
 
 fn file<'de, D: Deserializer<'de>>(from: D) -> Result<Option<PathBuf>, D::Error> {
     let value = Value::deserialize(from)?;
-    // The path is printed in messages.
+    // The path is printed in messages. A study folder from elsewhere must not lead to a device or to another computer: on Windows,
+    // a path such as `\\server\file` would send this user's credentials there.
     let path = value.as_str().filter(|path| !path.contains(char::is_control)).map(PathBuf::from);
-    path.map(Some).ok_or_else(|| {
+    let is_relative =
+        |path: &PathBuf| !path.has_root() && !matches!(path.components().next(), Some(Component::Prefix(_)));
+    path.filter(is_relative).map(Some).ok_or_else(|| {
         let value = in_words(&value);
-        de::Error::custom(format!("{value}: expected the path of a file, in quotation marks"))
+        de::Error::custom(format!(
+            "{value}: expected the path of a file, relative to the folder of this file, in quotation marks"
+        ))
     })
 }
 
@@ -200,6 +205,7 @@ mod tests {
             ("mass_kg = true", ["mass_kg = true", "10 to 300"]),
             ("sex = 1", ["sex = 1", "\"female\", \"male\" or \"other\""]),
             ("zero = 3", ["zero = 3", "3: expected the path of a file"]),
+            ("zero = '/dev/zero'", ["/dev/zero", "relative to the folder of this file"]),
             ("zero = '\u{1b}'", ["line 1", "zero"]),
             ("zero = \"\\u001b\"", ["line 1", "\\u{1b}\": expected the path of a file"]),
             ("\"\\u001b[2J\" = 1", ["line 1", "unknown field ` [2J`"]),

@@ -6,6 +6,7 @@ mod table;
 use crate::fit::{Search, write};
 use crate::paths::{check_folders, check_written};
 use crate::people;
+use crate::print_note;
 use crate::repeat::{copies, output};
 use crate::replay::progress;
 use crate::setup::{ContactArgs, StanceArgs, rule_in_words};
@@ -134,13 +135,13 @@ impl Cohort {
         self.note_files_without_participant(&names)?;
         let mut left_out = left_out.concat();
         left_out.extend(people::unused(&self.participants, &names, Some(&self.out)));
-        left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
+        left_out.iter().for_each(|reason| print_note(&format!("left out: {reason}")));
         let done: Vec<Processed> = done.into_iter().flatten().collect();
         if done.is_empty() {
             bail!("{}: no step of any participant was found, for the reasons above", self.participants.display());
         }
         let incomplete: Vec<String> = done.iter().flat_map(|done| done.incomplete.clone()).collect();
-        incomplete.iter().for_each(|defect| eprintln!("incomplete: {defect}"));
+        incomplete.iter().for_each(|defect| print_note(&format!("incomplete: {defect}")));
         self.report(done, &incomplete, start)?;
         Ok(left_out.is_empty() && incomplete.is_empty())
     }
@@ -158,10 +159,10 @@ impl Cohort {
         for entry in fs::read_dir(&self.out).with_context(error)? {
             let path = entry.with_context(error)?.path().join(STEPS_FILE);
             if path.exists() && !known.contains(&path) {
-                eprintln!(
+                print_note(&format!(
                     "note: the table has {}, but this participant has no folder: remove the file unless you need it",
                     path.display()
-                );
+                ));
             }
         }
         Ok(())
@@ -228,7 +229,7 @@ impl Cohort {
         summary::print(&people);
         let trials: Vec<_> = people.iter().map(|person| (person.name.as_str(), &person.trials[..])).collect();
         for copy in copies(&trials) {
-            eprintln!("note: {}, so its steps count twice: remove one of them", copy.words);
+            print_note(&format!("note: {}, so its steps count twice: remove one of them", copy.words));
         }
         let (feet, _) = repeatability(&trials, 2);
         if !feet.is_empty() {

@@ -6,6 +6,7 @@ mod sensitivity;
 
 use crate::gait::is_same_but_for_the_foot;
 use crate::paths::{check_folders, check_written};
+use crate::print_note;
 use crate::replay::{progress, write_text};
 use crate::setup::{self, ContactArgs, StanceArgs, ZeroArgs};
 use crate::tables::check_json;
@@ -196,7 +197,7 @@ impl Search {
 
 /// Prints notes on stderr.
 pub fn print_notes(notes: &[String]) {
-    notes.iter().for_each(|note| eprintln!("note: {note}"));
+    notes.iter().for_each(|note| print_note(&format!("note: {note}")));
 }
 
 impl Fit {
@@ -473,13 +474,13 @@ pub fn note_unless_same_sensor<'r>(
         let sensor = |(name, layout): (&str, &Layout)| {
             format!("{}, {:.0} mm2 per cell, in {name}", layout.name, mean_mm2(layout))
         };
-        eprintln!(
+        print_note(&format!(
             "note: the recordings are of different sensors, or have cells of different sizes ({}; {}): areas and forces depend \
              on the sensor and the size of its cells, so that these differences count as differences between the {values}: \
              import the recordings with the same --cells, or {verb} those of each sensor separately",
             sensor(first),
             sensor(other)
-        );
+        ));
     }
 }
 

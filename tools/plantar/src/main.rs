@@ -185,14 +185,19 @@ fn run() -> ExitCode {
     status(result.map(|()| true))
 }
 
+/// Prints a text on stderr that may quote a file or the name of one. Control characters, which would have an effect on the
+/// terminal, are replaced.
+fn print_note(text: &str) {
+    eprintln!("{}", text.replace(|c: char| c.is_control() && c != '\n', " "));
+}
+
 /// Converts the result of a command to its exit status. The value is true if all of the work was done.
 fn status(is_complete: anyhow::Result<bool>) -> ExitCode {
     match is_complete {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(PARTIAL),
         Err(error) => {
-            // The text may quote a file or the name of one. Control characters would have an effect on the terminal.
-            eprintln!("error: {}", format!("{error:#}").replace(|c: char| c.is_control() && c != '\n', " "));
+            print_note(&format!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }

@@ -5,8 +5,8 @@ use crate::paths::resolved;
 use crate::setup::{ContactArgs, StanceArgs};
 use anyhow::{Context, Result, bail};
 use parameters::Participant;
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 use study::table::partition;
 use study::{Person, SETTINGS_FILE};
 
@@ -157,6 +157,22 @@ fn sorted_entries(folder: &Path) -> Vec<PathBuf> {
     entries
 }
 
+/// Reads a file that a study names. A study from elsewhere may name a device or a pipe, from which a program reads without end.
+///
+/// # Errors
+/// If the file cannot be read, is not a regular one, or is larger than any file of parameters.
+pub fn read_file(path: &Path) -> io::Result<Vec<u8>> {
+    const MAX_BYTES: u64 = 1 << 24;
+    let metadata = fs::metadata(path)?;
+    if !metadata.is_file() || metadata.len() > MAX_BYTES {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "not a file of zeros or of measurements of the tissue",
+        ));
+    }
+    fs::read(path)
+}
+
 /// The participant in a folder, and the paths of the recordings there, sorted by name.
 pub fn open(
     folder: &Path,
@@ -165,7 +181,7 @@ pub fn open(
     stance: &StanceArgs,
 ) -> Result<(Person, Vec<PathBuf>)> {
     let (contact, stance) = (contact.rule(None)?, stance.rule()?);
-    let person = Person::open(folder, &search.of_study(), contact, stance, &|path| fs::read(path))?;
+    let person = Person::open(folder, &search.of_study(), contact, stance, &|path| read_file(path))?;
     print_notes(&person.notes);
     let mut recordings = Vec::new();
     let error = || format!("cannot read {}", folder.display());

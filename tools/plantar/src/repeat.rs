@@ -5,6 +5,7 @@ pub mod output;
 use crate::fit::{Search, note_unless_same_sensor, print_notes, write};
 use crate::paths::{check_folders, check_written};
 use crate::people;
+use crate::print_note;
 use crate::replay::progress;
 use crate::setup::{ContactArgs, StanceArgs, rule_in_words};
 use crate::tables::check_json;
@@ -17,7 +18,6 @@ use plantar::Side;
 use rayon::prelude::*;
 use recording::{RecordingReader, is_parquet};
 use std::collections::BTreeSet;
-use std::fs;
 use std::path::{Path, PathBuf};
 use study::{Person, SETTINGS_FILE, fits};
 
@@ -124,9 +124,9 @@ impl Repeat {
         let least_people = if study.is_some() { 2 } else { 1 };
         let (feet, _) = repeatability(&people, least_people);
         left_out.extend(agreement::left_out(&people, least_people));
-        left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
+        left_out.iter().for_each(|reason| print_note(&format!("left out: {reason}")));
         let incomplete: Vec<String> = all.iter().flat_map(|person| person.incomplete.clone()).collect();
-        incomplete.iter().for_each(|defect| eprintln!("incomplete: {defect}"));
+        incomplete.iter().for_each(|defect| print_note(&format!("incomplete: {defect}")));
         if feet.is_empty() {
             match study {
                 Some(folder) => bail!(
@@ -208,7 +208,7 @@ impl Repeat {
         }
         let settings = Participant { zero: self.zero.clone(), ..Participant::default() };
         let (contact, stance) = (self.contact.rule(None)?, self.stance.rule()?);
-        let person = Person::new(settings, &self.search.of_study(), contact, stance, &|path| fs::read(path))?;
+        let person = Person::new(settings, &self.search.of_study(), contact, stance, &|path| people::read_file(path))?;
         print_notes(&person.notes);
         Ok(trials_of("the person", &person, &self.inputs))
     }

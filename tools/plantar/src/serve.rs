@@ -137,13 +137,13 @@ fn duration(EmulatedInsole { recording, insole }: &EmulatedInsole) -> Duration {
 
 /// Where a browser finds the page.
 fn place_of_page(address: SocketAddr) -> String {
-    if address.ip().is_unspecified() {
-        let port = address.port();
-        return format!(
-            "The page is at http://localhost:{port}/ and, for everyone in the network, at port {port} of this computer's address"
-        );
+    let port = address.port();
+    match serve::canonical_address(address).filter(|canonical| *canonical != address) {
+        Some(here) => format!(
+            "The page is at http://{here}/ and, for everyone in the network, at port {port} of this computer's address"
+        ),
+        None => format!("The page is at http://{address}/"),
     }
-    format!("The page is at http://{address}/")
 }
 
 /// An insole for the page. `open` opens a carrier to it.

@@ -5,6 +5,7 @@ use crate::{Error, Result, output};
 use plantar::Side;
 use plantar::pipeline::calibrate::{FULL_CODE, SensorLaw};
 use plantar::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell};
+use plantar::protocol::Serial;
 use serde::{Deserialize, Serialize};
 use std::io::Write as _;
 use std::path::Path;
@@ -185,6 +186,10 @@ impl Plateaus {
                 && cell.area_mm2 > 0.0
                 && cell.area_mm2 <= MAX_MM2
         };
+        // The texts are printed.
+        if Serial::new(&read.serial_number).is_none() || read.firmware.contains(char::is_control) {
+            return refuse("the serial number or the version of the firmware is not printable text".into());
+        }
         let cells = read.cells.len();
         if !(1..=DEVICE_CELLS).contains(&cells) {
             return refuse(format!("{cells} cells, but an insole has 1 to {DEVICE_CELLS}"));

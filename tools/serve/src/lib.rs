@@ -20,6 +20,7 @@ mod web;
 
 pub use bridge::Source;
 pub use liblsl::MissingLiblsl;
+pub use origin::canonical_address;
 
 use bridge::Session;
 use client::{Error as LinkError, StreamFile};

@@ -1,6 +1,6 @@
 //! Decides which web pages may connect, because a browser lets a page of any origin try to connect.
 
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 /// True if a page from `origin` may connect to this server; `host` is the Host header of its request.
 ///
@@ -16,6 +16,22 @@ pub(crate) fn is_allowed(origins: &[&str], host: Option<&str>, others: &[String]
     origin_host.is_some() && origin_host == host && host.is_some_and(is_address)
 }
 
+/// The one address of the page for the browsers of this computer, if the server listens at `address`; `None` if it does not listen
+/// for them alone or for all.
+pub fn canonical_address(address: SocketAddr) -> Option<SocketAddr> {
+    match address.ip() {
+        ip if ip.is_unspecified() => Some(SocketAddr::new(Ipv4Addr::LOCALHOST.into(), address.port())),
+        ip => ip.is_loopback().then_some(address),
+    }
+}
+
+/// True if the Host header of a request names this computer otherwise than its `canonical` address does. With another port, the
+/// request has come through a tunnel, and the address would lead elsewhere.
+pub(crate) fn is_other_name(host: &str, canonical: SocketAddr) -> bool {
+    let names = ["localhost", "127.0.0.1", "[::1]"];
+    host != canonical.to_string() && names.iter().any(|name| host == format!("{name}:{}", canonical.port()))
+}
+
 /// True for `localhost` or an IP address, with or without a port.
 fn is_address(host: &str) -> bool {
     let name = match host.rsplit_once(':') {
@@ -27,7 +43,30 @@ fn is_address(host: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::is_allowed;
+    use super::{canonical_address, is_allowed, is_other_name};
+    use std::net::SocketAddr;
+
+    #[test]
+    fn this_computer_has_one_address() {
+        let address = |text: &str| text.parse::<SocketAddr>().expect("an address");
+        for listening in ["127.0.0.1:7340", "0.0.0.0:7340", "[::]:7340"] {
+            let canonical = canonical_address(address(listening)).expect("a server of this computer");
+            assert_eq!(canonical, address("127.0.0.1:7340"));
+            assert!(is_other_name("localhost:7340", canonical) && is_other_name("[::1]:7340", canonical));
+            for host in [
+                "127.0.0.1:7340",
+                "localhost:8000",
+                "192.168.1.20:7340",
+                "insoles.example",
+                "localhost.evil.example:7340",
+            ] {
+                assert!(!is_other_name(host, canonical), "{host}");
+            }
+        }
+        let canonical_v6 = canonical_address(address("[::1]:7340")).expect("a server of this computer");
+        assert!(is_other_name("localhost:7340", canonical_v6) && !is_other_name("[::1]:7340", canonical_v6));
+        assert_eq!(canonical_address(address("192.168.1.20:7340")), None);
+    }
 
     #[test]
     fn the_served_page_and_allowed_origins_may_connect() {

@@ -1,14 +1,15 @@
 //! HTTP: the page's files, and the WebSocket at `/insoles`.
 
 use crate::hub::{Hub, Page};
-use crate::origin::is_allowed;
+use crate::origin::{self, is_allowed, is_other_name};
 use crate::{Error, Options};
 use axum::Router;
-use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, HOST, HeaderName, ORIGIN, X_FRAME_OPTIONS};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
-use axum::response::{IntoResponse, Response};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::any;
 use futures_util::FutureExt;
 use std::net::SocketAddr;
@@ -55,8 +56,9 @@ impl Listening {
         mut panics: Receiver<String>,
         ready: impl FnOnce(SocketAddr),
     ) -> Result<(), Error> {
-        ready(self.listener.local_addr()?);
-        let router = router(hub, options);
+        let address = self.listener.local_addr()?;
+        ready(address);
+        let router = router(hub, options, origin::canonical_address(address));
         self.runtime.block_on(async {
             tokio::select! {
                 ended = axum::serve(self.listener, router) => Ok(ended?),
@@ -78,18 +80,32 @@ fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     socket.listen(BACKLOG)
 }
 
-fn router(hub: Arc<Hub>, options: &Options) -> Router {
+/// `canonical` is the address of this server for the browsers of this computer; see [`origin::canonical_address`].
+fn router(hub: Arc<Hub>, options: &Options, canonical: Option<SocketAddr>) -> Router {
+    let page = Router::new()
+        .fallback_service(ServeDir::new(&options.page))
+        .layer(middleware::from_fn_with_state(canonical, to_canonical));
     let header = |name: HeaderName, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     Router::new()
         .route("/insoles", any(insoles))
         .with_state(Served { hub, origins: options.origins.clone().into() })
-        .fallback_service(ServeDir::new(&options.page))
+        .fallback_service(page)
         // Makes the browser check for a newer build at each visit.
         .layer(header(CACHE_CONTROL, "no-cache"))
         // In a frame of a foreign page, the browser gives the page a store of its own. Steps that the framed page acknowledges
         // would be lost for the wearer.
         .layer(header(CONTENT_SECURITY_POLICY, "frame-ancestors 'none'"))
         .layer(header(X_FRAME_OPTIONS, "DENY"))
+}
+
+/// Redirects a browser that uses another name of this computer to the canonical address. Otherwise, its store of the page would be
+/// another one, and steps that this page acknowledges would be missing in the wearer's.
+async fn to_canonical(State(canonical): State<Option<SocketAddr>>, request: Request, next: Next) -> Response {
+    let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
+    match canonical.filter(|canonical| host.is_some_and(|host| is_other_name(host, *canonical))) {
+        Some(canonical) => Redirect::temporary(&format!("http://{canonical}{}", request.uri())).into_response(),
+        None => next.run(request).await,
+    }
 }
 
 async fn insoles(State(served): State<Served>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {

@@ -21,7 +21,8 @@ const SCIPY: &str = "scipy>=1.13,<2";
 const BUMBLE: &str = "bumble==0.0.236";
 
 /// The packages that build and test the Python package.
-const PACKAGE_TOOLS: [&str; 14] = [
+const PACKAGE_TOOLS: [&str; 15] = [
+    "cryptography==50.0.2",
     "dask==2026.8.0",
     "distributed==2026.8.0",
     "fsspec==2026.9.0",

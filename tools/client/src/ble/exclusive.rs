@@ -29,7 +29,9 @@ pub(super) fn reserve(id: &str) -> Result<Option<File>, InUse> {
 /// The path of the lock file of the insole with this identifier.
 fn lock_file(id: &str) -> PathBuf {
     let name: String = id.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
-    std::env::temp_dir().join(format!("plantar-{name}.lock"))
+    // On Linux, the folder for temporary files is that of all users, and a file of another user cannot be opened.
+    let of_user = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|folder| folder.is_dir());
+    of_user.unwrap_or_else(std::env::temp_dir).join(format!("plantar-{name}.lock"))
 }
 
 #[cfg(test)]

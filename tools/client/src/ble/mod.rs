@@ -20,7 +20,7 @@ use plantar::protocol::{ToDevice, ToHost, decode, encode};
 use std::fs::File;
 use std::io;
 use std::pin::Pin;
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, TrySendError};
 use std::time::Duration;
 use thiserror::Error;
 use tokio::runtime::{Builder, Runtime};
@@ -44,6 +44,8 @@ const SCAN_TIMEOUT: Duration = Duration::from_secs(15);
 const SCAN_INTERVAL: Duration = Duration::from_millis(200);
 /// Timeout of a connection. An insole in range connects, pairs and lists its characteristics earlier.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(20);
+/// Largest number of values that wait for the program: those of more than a minute. Further ones are discarded.
+const MOST_VALUES: usize = 32_768;
 /// Length of the opcode and the handle that precede a written value, bytes.
 const ATT_HEADER: usize = 3;
 /// Length of the longest value that every connection can write in one packet, bytes: that of the smallest ATT MTU, 23.
@@ -127,11 +129,15 @@ impl BleCarrier {
                 return Err(Error::NotConnected { selector: selector.clone(), error });
             }
         };
-        let (sender, values) = mpsc::channel();
+        let (sender, values) = mpsc::sync_channel(MOST_VALUES);
         let fetching = runtime.spawn(async move {
             while let Some(value) = notifications.next().await {
-                // This fails once the carrier is dropped.
-                let Ok(()) = sender.send(value) else { return };
+                match sender.try_send(value) {
+                    // Without a fragment, its message is counted as damaged.
+                    Ok(()) | Err(TrySendError::Full(_)) => (),
+                    // The carrier was dropped.
+                    Err(TrySendError::Disconnected(_)) => return,
+                }
             }
         });
         Ok(Self { runtime, peripheral, values, fetching, channels, damaged: 0, _reserved: reserved })

@@ -3,6 +3,7 @@
 
 pub mod session;
 
+use crate::print_note;
 use crate::setup::rule_in_words;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use client::{DamagedAt, Entries, Entry, STREAM_INSOLES};
@@ -57,11 +58,11 @@ impl LiveSource {
         let masked = Region::ALL.iter().zip(self.steps.masked_steps()).filter(|(_, steps)| *steps > 0);
         let regions: Vec<_> = masked.map(|(region, steps)| format!("{} in {steps} steps", region.name())).collect();
         if !regions.is_empty() {
-            eprintln!(
+            print_note(&format!(
                 "note: {}: the readings of faulty cells were replaced by those of their neighbours: {}",
                 self.name,
                 regions.join(", ")
-            );
+            ));
         }
     }
 }
@@ -73,11 +74,11 @@ pub fn read(path: &Path) -> Result<Option<Vec<LiveSource>>> {
         let sources = session::read(path)?;
         let cells = path.join("cells");
         if sources.is_some() && cells.is_dir() {
-            eprintln!(
+            print_note(&format!(
                 "note: {}: the live frames and steps are used, not the cells; the recordings of the cells are the folders in {}",
                 path.display(),
                 cells.display()
-            );
+            ));
         }
         return Ok(sources);
     }
@@ -125,7 +126,7 @@ impl<'f> StreamMessages<'f> {
         let rest = self.entries.rest();
         if !rest.is_empty() {
             let problem = self.damage.map_or("truncated".into(), |damage| damage.to_string());
-            eprintln!("note: {name} is {problem}: its last {} bytes are not used", rest.len());
+            print_note(&format!("note: {name} is {problem}: its last {} bytes are not used", rest.len()));
         }
     }
 }
@@ -189,7 +190,7 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
     }
     messages.note_unused(name);
     if unknown > 0 {
-        eprintln!("note: {name}: {unknown} messages are unknown to this program and were not used");
+        print_note(&format!("note: {name}: {unknown} messages are unknown to this program and were not used"));
     }
     let used: Vec<_> = insoles.into_iter().filter(|insole| insole.count > 0).collect();
     let count = used.len();
@@ -201,7 +202,7 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
             !sources.is_empty(),
             "{name}: {problem}: record a walk of several steps from its beginning, or omit the file"
         );
-        eprintln!("note: {name}: {problem}: they were not used");
+        print_note(&format!("note: {name}: {problem}: they were not used"));
     }
     Ok(sources)
 }
