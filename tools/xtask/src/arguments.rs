@@ -60,6 +60,13 @@ pub enum Task {
         #[arg(long, value_name = "FOLDER")]
         out: PathBuf,
     },
+    /// Write the licences of the libraries that firmware, command line, Python package and page contain: THIRD-PARTY.txt and, for
+    /// Rust's standard library, RUST-LIBRARY.html.
+    Licences {
+        /// The folder for the files.
+        #[arg(long, value_name = "FOLDER")]
+        out: PathBuf,
+    },
     /// Measure the instructions for a frame, the accuracy of steps, the lengths of messages, the speed of a replay, the accuracy
     /// and speed of the identification, the page, and the sizes of the firmware.
     Bench(FiguresFile),

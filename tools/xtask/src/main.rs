@@ -9,6 +9,7 @@ mod demo;
 mod fuzz;
 mod hardware;
 mod image;
+mod licences;
 mod limits;
 mod package;
 mod page;
@@ -46,6 +47,7 @@ fn main() -> ExitCode {
         Task::Advisories => test::deny(&["advisories"]),
         Task::Reproduce => provenance::reproduce(),
         Task::Sbom { out } => provenance::write_sboms(&out),
+        Task::Licences { out } => licences::write(&out),
         Task::Bench(file) => bench::bench().and_then(|figures| file.write(&figures)),
         Task::Size(file) => bench::sizes().and_then(|figures| file.write(&figures)),
         Task::Hardware(file) => hardware::run(&file),

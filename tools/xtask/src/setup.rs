@@ -122,14 +122,19 @@ pub fn has(program: &str) -> bool {
     Command::new(program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
 }
 
-/// Installs the targets and components of the pinned toolchain. rustup usually does this itself, but users can disable that.
-pub fn rust() -> Result<()> {
+/// The folder of the pinned toolchain.
+pub fn sysroot() -> Result<PathBuf> {
     let rustc = Command::new("rustc").args(["--print", "sysroot"]).current_dir(root()).output();
     let sysroot = rustc.context("rustc does not start: install rustup from https://rustup.rs")?;
     if !sysroot.status.success() {
         bail!("rustc --print sysroot failed: {}", String::from_utf8_lossy(&sysroot.stderr).trim());
     }
-    let sysroot = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim());
+    Ok(String::from_utf8(sysroot.stdout)?.trim().into())
+}
+
+/// Installs the targets and components of the pinned toolchain. rustup usually does this itself, but users can disable that.
+pub fn rust() -> Result<()> {
+    let sysroot = sysroot()?;
     let targets = [TARGET, "wasm32-unknown-unknown"];
     let has_program =
         |name: &str| sysroot.join("bin").join(name).with_extension(std::env::consts::EXE_EXTENSION).is_file();
