@@ -73,5 +73,6 @@ pub fn write_sboms(out: &Path) -> Result<()> {
     let folders: Vec<String> = BOARDS.iter().map(|board| format!("boards/{board}")).collect();
     let boards: Vec<_> = folders.iter().map(String::as_str).zip(BOARDS).collect();
     write(&["--target", TARGET], &boards)?;
-    write(&[], &[("tools/plantar", "plantar-cli")])
+    // A release has the command line for several systems, which need different libraries.
+    write(&["--target", "all"], &[("tools/plantar", "plantar-cli")])
 }
