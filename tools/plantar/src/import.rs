@@ -242,7 +242,7 @@ pub struct Out {
     /// Merge the cells into a virtual insole with at most this number of cells. A real insole has at most 256.
     #[arg(long, value_name = "N")]
     cells: Option<usize>,
-    /// Resample to this number of frames per second, 20 to 500. A real insole scans at 50 to 333 Hz.
+    /// Resample to this number of frames per second, 20 to 500. A real insole scans at 50 to 333 Hz (nRF52840: up to 105).
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
 }
