@@ -1,6 +1,7 @@
 //! The reasons why a region is not fitted. The other regions are fitted nevertheless.
 
 use fit::interval::RESAMPLES;
+use fit::quality::Evaluated;
 use fit::synthetic::{Noise, curves, walk};
 use fit::{Filter, Method, NotFitted, Options, RegionCurves, Step, fit};
 use plantar::Side;
@@ -81,6 +82,31 @@ fn many_steps_are_cross_validated_in_groups() {
         assert_eq!(fit.predicted_nrmse.len(), 70);
         let mean = fit.predicted_nrmse.iter().sum::<f64>() / 70.0;
         assert!((0.025..0.035).contains(&mean) && Some(mean) == fit.quality.predicted, "{mean}");
+    }
+}
+
+/// One of five steps is stiffer than the others, so that the noise of all steps is larger than that of the others. Its predicted
+/// error must not depend on this knowledge.
+#[test]
+fn the_predicted_error_of_a_step_is_that_of_a_separate_fit_to_the_others() {
+    let mut steps = walk(5, 100.0, Filter::Direct, 0.02, 1);
+    for region in &mut steps[0].regions {
+        region.force_n.iter_mut().for_each(|force_n| *force_n *= 1.2);
+    }
+    let fits = fit(&steps, &OPTIONS, &|_| ());
+    for left_out in 0..5 {
+        let others: Vec<Step> =
+            steps.iter().enumerate().filter(|(i, _)| *i != left_out).map(|(_, step)| step.clone()).collect();
+        for (region, (fit, others)) in fits.iter().zip(fit(&others, &OPTIONS, &|_| ())).enumerate() {
+            let law = &others.expect("fitted").law;
+            let alone =
+                Evaluated::new(&steps[left_out].regions[region], OPTIONS.filter, law).expect("in contact").nrmse();
+            let predicted = fit.as_ref().expect("fitted").predicted_nrmse[left_out];
+            assert!(
+                (predicted / alone - 1.0).abs() < 0.01,
+                "step {left_out}, region {region}: {predicted}, alone {alone}"
+            );
+        }
     }
 }
 

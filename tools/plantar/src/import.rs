@@ -119,8 +119,7 @@ pub enum Import {
     },
     /// Compute a walk on an insole with 240 cells, for first experiments. It is not a measurement.
     ///
-    /// The walk of the left foot begins half a stride after that of the right foot, as in a walk with both feet. In walks of some
-    /// hundred steps, this lag changes, because the steps of each foot vary independently.
+    /// Each step of the left foot begins half a stride after that of the right foot, as in a walk with both feet.
     Synthetic {
         /// The foot to compute.
         #[arg(long, value_enum, default_value_t = Foot::Right)]
@@ -371,12 +370,17 @@ fn check_no_folder(file: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The parameters of the computed walk of a foot. The left foot begins half a stride after the right one, and its steps vary by
-/// another seed, so that the recordings of both feet together are those of a walk.
+/// The parameters of the computed walk of a foot. The steps of the left foot begin half a stride after those of the right one, and
+/// their peak forces vary by another seed, so that the recordings of both feet together are those of a walk.
 fn synthetic_walk(side: Side, steps: usize) -> SyntheticWalk {
     let right = SyntheticWalk { side, steps, ..SyntheticWalk::default() };
     match side {
-        Side::Left => SyntheticWalk { delay_s: (right.stance_s + right.swing_s) / 2.0, seed: right.seed + 1, ..right },
+        Side::Left => SyntheticWalk {
+            delay_s: (right.stance_s + right.swing_s) / 2.0,
+            seed: right.seed + 1,
+            timing_seed: Some(right.seed),
+            ..right
+        },
         Side::Right => right,
     }
 }

@@ -248,6 +248,14 @@ fn implausible_pressures_and_cells_that_fail_are_reported() {
         let plateau = |kpa: f64| (kpa * stated, code(kpa, exponent));
         file(12, &[(0.0, 0.0), plateau(25.0), plateau(100.0), plateau(400.0)])
     };
+    // Texts of the file are printed on the terminal.
+    for (text, other) in [("\"A\"", "\"\\u001b[2J\""), ("\"firmware\":\"1\"", "\"firmware\":\"\\u0007\"")] {
+        let (status, text) = evaluate(&sheet(0.8, 1.0).replace(text, other));
+        assert!(
+            status == Some(1) && text.contains("not printable text") && !text.contains(['\u{1b}', '\u{7}']),
+            "{text}"
+        );
+    }
     let (status, text) = evaluate(&sheet(0.8, 1.0));
     assert!(status == Some(3) && text.contains("no response at 25 kPa: cell 11 (row 1, column 2)"), "{text}");
     assert!(text.contains("store it with") && text.contains("fits this sheet"), "{text}");

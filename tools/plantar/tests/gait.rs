@@ -246,13 +246,13 @@ fn computed_walks_of_both_feet_are_those_of_one_walk() {
     let folder = tempfile::tempdir().expect("a folder");
     for side in ["left", "right"] {
         let mut import = Command::new(env!("CARGO_BIN_EXE_plantar"));
-        import.args(["import", "synthetic", "--side", side, "--out", &format!("{side}.parquet")]);
+        import.args(["import", "synthetic", "--steps", "60", "--side", side, "--out", &format!("{side}.parquet")]);
         assert!(import.current_dir(folder.path()).output().expect("the program starts").status.success());
     }
     let (gait, text) = measures(folder.path(), "left.parquet right.parquet");
     for side in ["left", "right"] {
         let stride_s = mean(&gait, "stride_time_s", side);
-        assert!((mean(&gait, "step_time_s", side) / stride_s - 0.5).abs() < 0.05, "{text}");
+        assert!((mean(&gait, "step_time_s", side) / stride_s - 0.5).abs() < 0.01, "{text}");
         assert!((0.1..0.4).contains(&mean(&gait, "double_support_s", side)), "{text}");
         assert!(mean(&gait, "single_support_s", side) > 0.3, "{text}");
     }

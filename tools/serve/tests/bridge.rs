@@ -229,6 +229,30 @@ impl Write for Faulty {
     }
 }
 
+/// The page has one store of steps for each name of this computer, so it has one name. Through a tunnel, it has another port.
+#[test]
+fn a_browser_that_uses_another_name_of_this_computer_is_redirected() {
+    let address = serve(&[&Cable::new(Side::Left)], None);
+    let get = |host: &str| {
+        let mut socket = std::net::TcpStream::connect(address).expect("a connection");
+        write!(socket, "GET /?serve HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").expect("sent");
+        let mut answer = String::new();
+        socket.read_to_string(&mut answer).expect("an answer");
+        answer
+    };
+    for name in ["localhost", "[::1]"] {
+        let answer = get(&format!("{name}:{}", address.port()));
+        assert!(
+            answer.starts_with("HTTP/1.1 307") && answer.contains(&format!("http://{address}/?serve\r\n")),
+            "{answer}"
+        );
+    }
+    for host in [address.to_string(), "localhost:1".into()] {
+        let answer = get(&host);
+        assert!(answer.starts_with("HTTP/1.1 200") && answer.ends_with("the page"), "{answer}");
+    }
+}
+
 /// A server that serves only one of two feet would look as if it served both.
 #[test]
 fn a_panic_in_the_session_with_an_insole_ends_the_server() {

@@ -32,6 +32,8 @@ pub struct SyntheticWalk {
     pub variation: f64,
     /// Seed of the variation; equal seeds result in equal walks.
     pub seed: u64,
+    /// The walk has the stance times of a walk with this seed, such as that of the other foot; `None` for those of its own seed.
+    pub timing_seed: Option<u64>,
 }
 
 impl Default for SyntheticWalk {
@@ -47,6 +49,7 @@ impl Default for SyntheticWalk {
             peak_n: 800.0,
             variation: 0.03,
             seed: 1,
+            timing_seed: None,
         }
     }
 }
@@ -106,12 +109,13 @@ pub fn walk(walk: &SyntheticWalk) -> Walk {
     let layout = insole(walk.cells);
     let ellipses = Region::ALL.map(|region| LoadEllipse::of(&layout, region));
     let largest_shares = largest_shares();
-    let mut random = Random(walk.seed);
+    let (mut random, mut timing) = (Random(walk.seed), Random(walk.timing_seed.unwrap_or(walk.seed)));
     let mut frames = Frames { pressure_kpa: Vec::new(), contact_mm2: Vec::new(), force_n: Vec::new() };
     let mut start_s = walk.delay_s + walk.swing_s;
     for _ in 0..walk.steps {
-        let stance_s = walk.stance_s * random.around_one(walk.variation);
-        let peak_n = walk.peak_n * random.around_one(walk.variation);
+        // Both seeds have two numbers for each step, so that a walk without a seed of its timing has one sequence of numbers.
+        let [stance_s, _] = [walk.stance_s, walk.peak_n].map(|mean| mean * timing.around_one(walk.variation));
+        let [_, peak_n] = [walk.stance_s, walk.peak_n].map(|mean| mean * random.around_one(walk.variation));
         loop {
             let elapsed_stance = (frames.contact_mm2.len() as f64 / walk.rate_hz - start_s) / stance_s;
             if elapsed_stance >= 1.0 {
