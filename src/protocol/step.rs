@@ -50,7 +50,7 @@ quantities! {
         regions: [StepRegion; 8] = record.regions.each_ref().map(StepRegion::new);
         /// Boots of the insole since the one that recorded this step; `start_s` counts from that boot.
         boots_since: u32 = 0
-            => starts_ago [1 per "count"],
+            => boots_since [1 per "count"],
             "Counted by the insole.";
         /// `start_us` on the wall clock (UTC; local time if Current Time has set it), us since 1970; `None` if it was not set.
         start_unix_us: Option<u64> = None;

@@ -34,8 +34,8 @@ in the recording.
 
 Four CSV files that the web page for a phone saves have other columns. That of live frames has `unix_s`, `t_s` (time of arrival
 since the start of the recording), `device_t_s` (time of the scan on the insole's clock) and one column for each region and each
-key of a region, such as `heel_area_mm2`, but no centre of pressure. In those of steps and load bouts, `starts_ago` is missing. In
-that of steps, `duration_s` is named `contact_time_foot_s`, and `sample_s`, `bridged_frames` and the contact rule are missing.
+key of a region, such as `heel_area_mm2`, but no centre of pressure. In those of steps and load bouts, `boots_since` is missing.
+In that of steps, `duration_s` is named `contact_time_foot_s`, and `sample_s`, `bridged_frames` and the contact rule are missing.
 That of the loads of each day has one row for each foot and local day: the numbers of steps, load bouts and alerts, the sum of the
 force-time integrals of steps and load bouts (`force_integral_n_s`), and the largest total force in a step (`foot_force_peak_n`).
 

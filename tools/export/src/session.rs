@@ -292,9 +292,9 @@ impl Session {
 }
 
 /// The quantities of a step as a whole, without `start_s`, which is not on the clock of the recordings (`heel_strike_s` is), and
-/// `starts_ago`, which is 0 in every recording.
+/// `boots_since`, which is 0 in every recording.
 pub(crate) fn of_whole_step() -> impl Iterator<Item = &'static plantar::protocol::Quantity<Step>> {
-    Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name))
+    Step::QUANTITIES.iter().filter(|quantity| !["start_s", "boots_since"].contains(&quantity.name))
 }
 
 /// A text with a question mark in place of each character that is not in ASCII, for formats without other characters.

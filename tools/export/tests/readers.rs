@@ -412,7 +412,7 @@ fn a_matlab_file_is_read_by_scipy_and_octave() {
 /// Compares the tables of the steps: matrices with a row for each step.
 fn compare_steps(found: &Value, steps: &[Step]) {
     let absent = f64::NAN;
-    for quantity in Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name)) {
+    for quantity in Step::QUANTITIES.iter().filter(|quantity| !["start_s", "boots_since"].contains(&quantity.name)) {
         let values = steps.iter().map(|step| quantity.in_unit(step).unwrap_or(absent));
         compare(quantity.name, &found[quantity.name], values, 0.0);
     }
@@ -502,8 +502,8 @@ fn mcap_is_read_by_foxgloves_own_reader() {
                 }
             }
             let of_region = StepRegion::QUANTITIES.len() + Step::FLAGS.len();
-            // Without `start_s` and `starts_ago`, with `heel_strike_s` and `toe_off_s`.
-            assert!(found.get("start_s").is_none() && found.get("starts_ago").is_none(), "{found}");
+            // Without `start_s` and `boots_since`, with `heel_strike_s` and `toe_off_s`.
+            assert!(found.get("start_s").is_none() && found.get("boots_since").is_none(), "{found}");
             let most = Step::QUANTITIES.len() + StepFoot::QUANTITIES.len() + 8 * of_region;
             assert!(found.as_object().is_some_and(|step| step.len() <= most && step.len() > most / 2));
             assert_eq!(found["foot_force_peak_n"], f64::from(step.step.foot.peak_dn) / 10.0);

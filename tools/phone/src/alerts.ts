@@ -68,7 +68,7 @@ const dayStartMinutes = () => (new Date().getTimezoneOffset() + 1440) % 1440;
 function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefined): number {
   if (start_unix_s !== null) return Date.now() / 1000 - start_unix_s;
   // Without a known time, an alert from before a restart of the insole may be hours old.
-  if (alert.starts_ago > 0) return Infinity;
+  if (alert.boots_since > 0) return Infinity;
   // An alert that may be new counts as new, because a wearer who does not see it does not unload the region.
   return t_s === undefined ? 0 : t_s - alert.start_s;
 }

@@ -254,7 +254,7 @@ export class App {
   private readonly onRecord = (message: RecordMessage, bytes: Uint8Array, session: Session): void => {
     if (message.kind === "step") this.identify.step(message.step.side, message.step, message.key);
     const { record, number } = recordOf(message);
-    const mapping = record.starts_ago === 0 ? session.clock_mapping : undefined;
+    const mapping = record.boots_since === 0 ? session.clock_mapping : undefined;
     const mapped_unix_s = mapping?.unix_s(record.start_s) ?? record.start_unix_s;
     // The clock of a computed recording begins in 1970. The recording is shown as if it began when it was loaded.
     const is_computed = mapped_unix_s !== null && mapped_unix_s < SET_CLOCK_UNIX_S;

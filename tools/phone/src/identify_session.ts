@@ -255,7 +255,7 @@ export class IdentifySession {
     if (!foot) return;
     // Steps from before the session, or with the former parameters, can arrive, because the insole stores its steps until they
     // are acknowledged.
-    const is_new = step.starts_ago === 0 && step.start_s >= foot.first_frame_s;
+    const is_new = step.boots_since === 0 && step.start_s >= foot.first_frame_s;
     if (this.phase === "stand" && is_new) {
       this.remarks.add("You began to walk before you had stood still. That is all right.");
       this.walk(now_ms);

@@ -19,8 +19,8 @@ export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filte
 function onOneClock(steps: readonly StoredStep[]): StoredStep[] {
   const timed = steps.filter(({ start_unix_s }) => start_unix_s !== null);
   if (timed.length > 0) return timed;
-  const newest = Math.min(...steps.map(({ step }) => step.starts_ago));
-  return steps.filter(({ step }) => step.starts_ago === newest);
+  const newest = Math.min(...steps.map(({ step }) => step.boots_since));
+  return steps.filter(({ step }) => step.boots_since === newest);
 }
 
 /** The last steps of each foot, with times on one clock. */

@@ -83,7 +83,7 @@ const problems = ({ alerts }: { alerts: Alerts }) => alerts.problems().map(([, ,
 
 /** An alert about sustained load of these regions, and about the dose of others. */
 const alertOf = (side: Side, sustained: string[], dose: string[] = []) =>
-  ({ side, starts_ago: 0, start_s: 0, sustained, dose, advice: `Unload your ${side} foot.` }) as unknown as Alert;
+  ({ side, boots_since: 0, start_s: 0, sustained, dose, advice: `Unload your ${side} foot.` }) as unknown as Alert;
 
 /** The page runs for this time, and each connected insole of `loaded` reports these regions as being under sustained load. */
 function run({ alerts }: { alerts: Alerts }, duration_s: number, ...loaded: [ReturnType<typeof connect>, string[]][]): void {
@@ -222,7 +222,7 @@ test("a signal in a hidden page is repeated when the page becomes visible, unles
 });
 
 test("an alert that the wearer has not closed is shown after the page was ended, and an alert about a dose is not replaced by a later alert", () => {
-  const alert = (advice: string, dose: string[]) => ({ side: "left", starts_ago: 0, start_s: 0, sustained: [], dose, advice }) as unknown as Alert;
+  const alert = (advice: string, dose: string[]) => ({ side: "left", boots_since: 0, start_s: 0, sustained: [], dose, advice }) as unknown as Alert;
   const stored = (age_s: number, advice: string, dose: string[] = []) => ({ alert: alert(advice, dose), start_unix_s: Date.now() / 1000 - age_s });
   const shown = () => JSON.parse(element("alert-text").content).map((node: string[]) => node[2]);
   const { alerts } = start(true);

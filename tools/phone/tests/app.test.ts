@@ -138,7 +138,7 @@ test("steps that were walked without this device are marked as having inexact ti
   receive({ start_s: 7198 });
   answer(2);
   // Two hours ago; one second ago; before a restart of the insole.
-  const later: Partial<Step>[] = [{ start_s: 0 }, { start_s: 7199 }, { start_s: 7199, starts_ago: 1, start_unix_s: 1.8e9 }];
+  const later: Partial<Step>[] = [{ start_s: 0 }, { start_s: 7199 }, { start_s: 7199, boots_since: 1, start_unix_s: 1.8e9 }];
   later.forEach(receive);
   await vi.advanceTimersByTimeAsync(1);
   const expected = [false, false, true, false];

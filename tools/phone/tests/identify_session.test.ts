@@ -98,8 +98,8 @@ test("the session continues if the wearer walks too early, with a remark", () =>
 test("steps from before the session, which the insole has stored, do not end the phase of standing", () => {
   const { session, hellos } = start(["left"]);
   session.start(hellos, 0, 2_000_000);
-  const receiveStep = (start_s: number, starts_ago = 0) =>
-    session.step("left", anyStep({ start_s, starts_ago }), `${start_s} ${starts_ago}`, 0);
+  const receiveStep = (start_s: number, boots_since = 0) =>
+    session.step("left", anyStep({ start_s, boots_since }), `${start_s} ${boots_since}`, 0);
   // No live frame has arrived yet.
   receiveStep(70);
   receiveLive(session, "left", 80_000);

@@ -116,7 +116,7 @@ test("a step that is repeated after a restart of the insole is recognised", asyn
   // whose tissue has changed.
   expect([...message.slice(-3)]).toEqual([0, 0, 0]);
   const [repeated, bytes] = decodeStep(Uint8Array.of(...message.slice(0, -3), 1, 0, 0));
-  expect(repeated.step.starts_ago).toBe(1);
+  expect(repeated.step.boots_since).toBe(1);
   await store.add(repeated, bytes, null);
   expect(storage.records.size).toBe(1);
   // Here the fourth byte from the end differs. It belongs to the counted area of the last region, so this is another step.

@@ -18,8 +18,8 @@ function foot(side: Side, lag_s: number, duration_s: number, count: number): Sto
 }
 
 /** This step, recorded so many boots of the insole ago, without a time on the clock of the browser. */
-const ofEarlierBoot = ({ step }: StoredStep, starts_ago: number): StoredStep => ({
-  step: { ...step, starts_ago },
+const ofEarlierBoot = ({ step }: StoredStep, boots_since: number): StoredStep => ({
+  step: { ...step, boots_since },
   start_unix_s: null,
   is_comparable: false,
 });
@@ -91,7 +91,7 @@ test("if only some steps of a foot have a time on the browser's clock, only thos
   expect([gait.has_both_feet, gait.strides]).toEqual([true, { left: 39, right: 39 }]);
   expect(measure(gait, "step_time_s")?.right?.mean).toBeCloseTo(0.5, 5);
   // The right foot has no time at all: the feet are not compared, and the left one is still measured by its 40 steps.
-  const right = feet[1]!.map((stored) => ofEarlierBoot(stored, stored.step.starts_ago));
+  const right = feet[1]!.map((stored) => ofEarlierBoot(stored, stored.step.boots_since));
   const apart = gaitOf(wire, { steps: [...feet[0]!, ...right], bouts: [], alerts: [] }, SETTINGS);
   expect([apart.has_both_feet, apart.strides]).toEqual([false, { left: 39, right: 39 }]);
 });

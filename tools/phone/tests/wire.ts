@@ -33,7 +33,7 @@ export function live(values: Partial<Extract<ToHost, { kind: "live" }>> = {}, me
 
 /** A decoded step without regions. */
 export function step(values: Partial<Step> = {}): Step {
-  const times = { start_s: 0, duration_s: 0.6, sample_s: 0.01, starts_ago: 0, start_unix_s: null };
+  const times = { start_s: 0, duration_s: 0.6, sample_s: 0.01, boots_since: 0, start_unix_s: null };
   const contact_rule = { area: "contact area", rule: "counted", on_kpa: 10, off_kpa: 7.5, full_kpa: 0 } as const;
   const first = { foot_first_peak_n: 0, foot_first_peak_time_s: 0, foot_valley_n: null, foot_valley_time_s: null };
   const second = { foot_second_peak_n: null, foot_second_peak_time_s: null, foot_force_integral_n_s: 0 };

@@ -336,7 +336,7 @@ fn bout_values(bout: &Bout) -> Vec<(String, Option<f64>)> {
         ("number".into(), Some(f64::from(bout.number))),
         ("start_s".into(), Some(bout.start_us as f64 / 1e6)),
         ("duration_s".into(), Some(f64::from(bout.duration_us) / 1e6)),
-        ("starts_ago".into(), Some(0.0)),
+        ("boots_since".into(), Some(0.0)),
     ];
     let kinds = BoutKind::ALL.map(|kind| (kind.name().into(), Some(f64::from(u8::from(kind == bout.kind)))));
     values.extend(kinds);
@@ -356,7 +356,7 @@ fn alert_values(alert: &Alert) -> Vec<(String, Option<f64>)> {
         ("start_s".into(), Some(alert.start_us as f64 / 1e6)),
         ("window_s".into(), Some(f64::from(alert.window_s))),
         ("today".into(), Some(f64::from(alert.today))),
-        ("starts_ago".into(), Some(0.0)),
+        ("boots_since".into(), Some(0.0)),
     ];
     for (i, region) in Region::ALL.iter().enumerate() {
         let mut push =

@@ -17,7 +17,7 @@ export interface Step {
   /** Number of frames that were missing and bridged by straight lines. Unit: count. */
   bridged_frames: number;
   /** Boots of the insole since the one that recorded this step; `start_s` counts from that boot. Unit: count. */
-  starts_ago: number;
+  boots_since: number;
   /** Start on the insole's own wall clock, s since 1970; null if the clock was not set, or if there was no restart since. */
   start_unix_s: number | null;
   /** Contact rule of the areas. */
@@ -163,7 +163,7 @@ export interface Bout {
   /** Time from the first frame to the end of the last one; if the next bout begins after a step, to the start of that bout. Unit: s. */
   duration_s: number;
   /** Boots of the insole since the one that recorded this bout; `start_s` counts from that boot. Unit: count. */
-  starts_ago: number;
+  boots_since: number;
   /** Start on the insole's own wall clock, s since 1970; null if the clock was not set, or if there was no restart since. */
   start_unix_s: number | null;
   /** The regions by name. */
@@ -193,7 +193,7 @@ export interface Alert {
   /** Number of alerts on this day, including this one. Unit: count. */
   today: number;
   /** Boots of the insole since the one that recorded this alert; `start_s` counts from that boot. Unit: count. */
-  starts_ago: number;
+  boots_since: number;
   /** Time on the insole's own wall clock, s since 1970; null if no host had set the clock before the alert. */
   start_unix_s: number | null;
   /** Regions for which this is true: The region is under sustained load. */

@@ -23,7 +23,7 @@ const STEP_COLUMNS: [&str; 11] = [
     "start_s",
     "duration_s",
     "sample_s",
-    "starts_ago",
+    "boots_since",
     REGION,
     "contact_on_kpa",
     "contact_off_kpa",
@@ -186,7 +186,7 @@ fn step_of(row: &Row, number: u32) -> Result<Step> {
             full_kpa: kpa("contact_full_kpa")?,
         },
         regions: [StepRegion::default(); 8],
-        boots_since: row.integer("starts_ago")? as u32,
+        boots_since: row.integer("boots_since")? as u32,
         start_unix_us: None,
         refit: 0,
         foot: StepFoot::default(),
@@ -324,7 +324,7 @@ mod tests {
         let mut row: Row = Vec::new();
         for column in STEP_COLUMNS {
             let value: table::Value = match column {
-                "session" | "step" | "starts_ago" => 0.into(),
+                "session" | "step" | "boots_since" => 0.into(),
                 "side" => "left".into(),
                 REGION => "heel".into(),
                 _ => 1.0.into(),
