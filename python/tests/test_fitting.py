@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from conftest import plantar, walk
@@ -180,7 +181,7 @@ def warnings_of_a_fit(recording: pathlib.Path, tissue: pathlib.Path | None) -> t
     """The texts of the warnings of a fit, which must be those of a call in this file, and the table of the fit."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        fit = package.fit(recording, options=package.Options(tissue=tissue))
+        fit = package.fit(recording, options=package.Options(size=42, tissue=tissue))
     assert all(warning.category is UserWarning and warning.filename == __file__ for warning in caught)
     return [str(warning.message) for warning in caught], fit.table()
 
@@ -220,6 +221,85 @@ def test_each_defect_that_the_command_line_prints_is_a_warning_and_in_the_table(
 def test_a_complete_fit_has_no_warning_and_no_defect(walk_file: pathlib.Path) -> None:
     texts, table = warnings_of_a_fit(walk_file, None)
     assert texts == [] and table["defects"].isna().all()
+
+
+def test_the_remarks_on_regions_are_in_the_table(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    printed = plantar("fit", walk_file, "--size", 42, "--out", tmp_path / "params.toml")
+    remarks = package.fit(walk_file, options=package.Options(size=42)).table()["warnings"]
+    in_table = [remark for text in remarks.dropna() for remark in text.split(" | ")]
+    indented = [line[4:] for line in printed.splitlines() if line.startswith("    ")]
+    assert in_table == indented and len(in_table) >= 8
+
+
+def notes_of_a_fit(recordings: list[pathlib.Path], options: package.Options) -> list[str]:
+    """The texts of the warnings of a fit."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        package.fit(recordings, options=options)
+    assert all(warning.category is UserWarning and warning.filename == __file__ for warning in caught)
+    return [str(warning.message) for warning in caught]
+
+
+def test_an_assumed_size_is_noted_unless_the_thickness_is_measured(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    printed = plantar("fit", walk_file, "--out", tmp_path / "params.toml")
+    assert "note: size 42 assumed for the typical thickness of the tissue" in printed
+    [note] = notes_of_a_fit([walk_file], package.Options())
+    assert note.startswith("walk: size 42 assumed for the typical thickness of the tissue: state")
+    assert notes_of_a_fit([walk_file], package.Options(size=42)) == []
+    tissue = tmp_path / "tissue.toml"
+    tissue.write_text("".join(f"{region} = 12.0\n" for region in package.REGIONS))
+    assert notes_of_a_fit([walk_file], package.Options(tissue=tissue)) == []
+
+
+def test_a_fit_of_both_feet_is_noted_as_on_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    left = walk(tmp_path / "walk.left.parquet", "--side", "left", "--steps", 4)
+    printed = plantar("fit", walk_file, left, "--size", 42, "--out", tmp_path / "params.toml")
+    [expected] = [line.removeprefix("Note: ") for line in printed.splitlines() if "both feet together" in line]
+    notes = notes_of_a_fit([walk_file, left], package.Options(size=42))
+    assert notes == [f"walk: {expected.removesuffix('.')}"] and "6 steps of the left" not in expected
+
+
+def with_layout(source: pathlib.Path, path: pathlib.Path, name: str, area: float, scale: float = 1.0) -> pathlib.Path:
+    """A copy of a recording with another name of the layout, areas and pressures multiplied by the factors."""
+    table = pq.read_table(source)
+    meta = json.loads(table.schema.metadata[b"plantar"])
+    meta["layout"]["name"] = name
+    for cell in meta["layout"]["cells"]:
+        cell["area_mm2"] *= area
+    columns = [column.to_numpy() * np.float32(scale) for column in table.columns[1:]]
+    changed = pa.table([table.column(0), *columns], schema=table.schema)
+    pq.write_table(changed.replace_schema_metadata({"plantar": json.dumps(meta)}), path)
+    return path
+
+
+def test_recordings_of_different_sensors_are_noted_as_on_the_command_line(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    first = with_layout(walk_file, tmp_path / "first.parquet", "sole left, 240 cells", 1.0)
+    for name, area, is_noted in (
+        ("sole right, 200 cells", 1.2, False),
+        ("sole left, 240 cells", 1.3, True),
+        ("other sole", 1.0, True),
+    ):
+        other = with_layout(walk_file, tmp_path / "other.parquet", name, area, 1.02)
+        printed = plantar("fit", first, other, "--size", 42, "--out", tmp_path / "params.toml")
+        expected = [line.removeprefix("note: ") for line in printed.splitlines() if "different sensors" in line]
+        assert notes_of_a_fit([first, other], package.Options(size=42)) == expected
+        assert len(expected) == is_noted, name
+    with pytest.warns(UserWarning, match="different sensors.* differences between the trials: .*or compare those"):
+        package.repeat([first, other])
+
+
+def test_contacts_that_were_left_out_are_noted(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    cut = tmp_path / "cut.parquet"
+    force_n = package.read(walk_file).force_n
+    pq.write_table(pq.read_table(walk_file).slice(int(np.flatnonzero(force_n > 0.5 * force_n.max())[0])), cut)
+    printed = plantar("fit", cut, "--size", 42, "--out", tmp_path / "params.toml")
+    [expected] = [line.removeprefix("left out: ") for line in printed.splitlines() if line.startswith("left out: ")]
+    [note] = notes_of_a_fit([cut], package.Options(size=42))
+    assert note == f"cut: 1 contact left out: {expected}"
 
 
 def test_a_region_that_was_not_fitted_has_a_reason_and_no_defect(

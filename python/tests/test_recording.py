@@ -26,6 +26,7 @@ def test_a_recording_has_the_values_of_its_file(walk_file: pathlib.Path) -> None
     assert (recording.side, recording.rate_hz) == (metadata["side"], metadata["rate_hz"])
     assert recording.source == metadata["source"]
     cells = pd.DataFrame(metadata["layout"]["cells"])
+    cells["region"] = pd.Categorical(cells["region"], package.REGIONS, ordered=True)
     pd.testing.assert_frame_equal(recording.cells, cells.rename_axis("cell"), check_dtype=False, check_index_type=False)
     expected = file.to_pandas().set_index("t_s")
     pd.testing.assert_frame_equal(recording.to_pandas(), expected)
@@ -44,6 +45,20 @@ def test_arrays_share_the_memory_of_the_recording_and_outlive_it(walk_file: path
     total = pressure_kpa.sum()
     del recording, again
     assert pressure_kpa.sum() == total > 0
+
+
+def test_a_change_of_the_cells_does_not_change_forces(walk_file: pathlib.Path) -> None:
+    recording = package.read(walk_file)
+    areas_mm2 = package.read(walk_file).cells["area_mm2"]
+    recording.cells["area_mm2"] *= 2
+    cells = recording.cells
+    cells.loc[:, "area_mm2"] = 0.0
+    pd.testing.assert_series_equal(recording.cells["area_mm2"], areas_mm2)
+    np.testing.assert_array_equal(recording.force_n, package.read(walk_file).force_n)
+    cells = recording.cells
+    cells.loc[:, "area_mm2"] = 0.0
+    np.testing.assert_array_equal(recording.force_n, package.read(walk_file).force_n)
+    assert list(recording.cells.groupby("region", observed=True).size().index) == list(package.REGIONS)
 
 
 def test_errors_name_the_file_and_the_remedy(tmp_path: pathlib.Path, walk_file: pathlib.Path) -> None:

@@ -8,14 +8,14 @@ import json
 import os
 import pathlib
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from plantar import _core
-from plantar.options import Options
+from plantar.options import AssumedSize, Options
 from plantar.recording import Path, Recording, read
 
 if TYPE_CHECKING:
@@ -41,10 +41,87 @@ def _check_distinct(recordings: Iterable[Recording], known: dict[bytes, str]) ->
         known[checksum] = recording.path
 
 
-def _warn(notes: list[str]) -> None:
+def _warn(notes: Iterable[str]) -> None:
     """Issues each note as a warning at the place where the user called the function of the package."""
     for note in notes:
         warnings.warn(note, stacklevel=3)
+
+
+_SAME_SIZE = 1.25
+"""Cells of two sensors differ in size if their mean areas differ by more than this factor, as in the command line."""
+
+
+def _is_same_sensor(first: Recording, second: Recording) -> bool:
+    """True if the cells are of about the same size and, as far as the names of the layouts are known, these names, each up to its
+    first comma, differ at most in the words or letters for left and right. This is the rule of the command line."""
+
+    def named(name: str) -> str:
+        return name.split(",")[0].split(". ")[0].rstrip(".").lower().replace("left", "l").replace("right", "r")
+
+    ratio = first._areas_mm2.mean() / second._areas_mm2.mean()
+    if not 1 / _SAME_SIZE <= ratio <= _SAME_SIZE:
+        return False
+    names = (first._layout_name, second._layout_name)
+    if names[0] is None or names[1] is None:
+        return True
+    one, other = map(named, (names[0], names[1]))
+    return len(one) == len(other) and all(a == b or {a, b} == {"l", "r"} for a, b in zip(one, other, strict=True))
+
+
+def _notes_on_sensors(recordings: Sequence[Recording], values: str, verb: str) -> list[str]:
+    """A note if recordings are of different sensors, or have cells of different sizes. ``values`` are the values that the function
+    compares or fits, and ``verb`` is what it does."""
+    other = next((recording for recording in recordings[1:] if not _is_same_sensor(recordings[0], recording)), None)
+    if other is None:
+        return []
+    first, second = (
+        f"{recording._layout_name or 'unknown layout'}, {recording._areas_mm2.mean():.0f} mm2 per cell, in {recording.path}"
+        for recording in (recordings[0], other)
+    )
+    return [
+        f"the recordings are of different sensors, or have cells of different sizes ({first}; {second}): areas and forces depend "
+        f"on the sensor and the size of its cells, so that these differences count as differences between the {values}: import "
+        f"the recordings with the same --cells, or {verb} those of each sensor separately"
+    ]
+
+
+def _notes_on_fit(results: dict[str, Any], options: Options) -> list[str]:
+    """The notes that ``plantar fit`` prints on a fit as a whole."""
+    name, notes = results["participant"], []
+    regions = results["regions"].values()
+    has_typical_thickness = any(result["fitted"] and result["pinned"]["d0_by"] == "shoe_size" for result in regions)
+    if has_typical_thickness and isinstance(options.size, AssumedSize):
+        notes.append(
+            f"{name}: size {options.size} assumed for the typical thickness of the tissue: state the size of the shoe with "
+            "Options(size=...)"
+        )
+    sides = [recording["side"] for recording in results["recordings"]]
+    left, right = (
+        _counted(sum(sides[step["recording"]] == side for step in results["steps"]), "step") for side in ("left", "right")
+    )
+    if len({sides[step["recording"]] for step in results["steps"]}) == 2:
+        notes.append(
+            f"{name}: the parameters are those of both feet together: {left} of the left foot and {right} of the right foot; fit "
+            "each foot separately for its own parameters"
+        )
+    if left_out := results["left_out"]:
+        contacts = [
+            f"{results['recordings'][contact['recording']]['name']} at {contact['at_s']:.2f} s, {contact['why']}"
+            for contact in left_out
+        ]
+        # A long recording can have many of them: one warning names the first ones, and `results` has all.
+        more = "" if len(contacts) <= _NAMED_CONTACTS else "; results['left_out'] has all of them"
+        notes.append(f"{name}: {_counted(len(contacts), 'contact')} left out: {'; '.join(contacts[:_NAMED_CONTACTS])}{more}")
+    return notes
+
+
+_NAMED_CONTACTS = 3
+"""Largest number of contacts that the warning about contacts that were left out names."""
+
+
+def _counted(count: int, noun: str) -> str:
+    """A number with its noun, such as ``2 steps``."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def fit(recordings: Recordings, *, participant: str | None = None, options: Options = Options()) -> Fit:
@@ -55,7 +132,8 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
 
     If the result of a region is incomplete, for example because only one step could be used, a ``UserWarning`` for each defect
     names the region and the remedy. ``Fit.table`` has the defects, too, and the reasons of regions that were not fitted. If no
-    region was fitted, a ``UserWarning`` states the reasons.
+    region was fitted, a ``UserWarning`` states the reasons. Further warnings, as ``plantar fit`` prints them, concern recordings
+    of both feet and of different sensors, contacts that were left out, and a typical thickness of an assumed shoe size.
     """
     opened = _recordings(recordings)
     if not opened:
@@ -79,7 +157,7 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     if not any(result["fitted"] for result in regions):
         reasons = dict.fromkeys(result["reason"] for result in regions)
         defects.append(f"{name}: no region could be fitted: {' | '.join(reasons)}")
-    _warn(notes + defects)
+    _warn([*notes, *_notes_on_sensors(opened, "steps", "fit"), *_notes_on_fit(fitted.results, options), *defects])
     return fitted
 
 
@@ -132,8 +210,8 @@ def repeat(
 
     Raises a ``ValueError`` if a recording is given twice, also for different people, and if there are too few trials to compare:
     by name, at least two people need two trials of the same foot. A ``UserWarning`` names each person who is left out of the
-    comparison of a foot, and each fitted region of a recording with an incomplete result. A region that was not fitted has no
-    values in this recording, and no warning.
+    comparison of a foot, each person with trials of different sensors, and each fitted region of a recording with an incomplete
+    result. A region that was not fitted has no values in this recording, and no warning.
     """
     recordings_of = people if isinstance(people, Mapping) else {"the person": people}
     options_of = options if isinstance(options, Mapping) else dict.fromkeys(recordings_of, options)
@@ -149,14 +227,15 @@ def repeat(
         _warn(person.notes)
     # A copy would be a trial without any error of measurement.
     known: dict[bytes, str] = {}
-
-    def fitted(name: str) -> list[_core.Trial]:
-        opened = _recordings(recordings_of[name])
+    trials_of: list[tuple[str, list[_core.Trial]]] = []
+    for name, of_person in recordings_of.items():
+        opened = _recordings(of_person)
         _check_distinct(opened, known)
-        return [persons[options_of[name]].trial(recording._core) for recording in opened]
-
+        for side in ("left", "right"):
+            of_side = [recording for recording in opened if recording.side == side]
+            _warn(_notes_on_sensors(of_side, "trials", "compare"))
+        trials_of.append((name, [persons[options_of[name]].trial(recording._core) for recording in opened]))
     least_people = 2 if isinstance(people, Mapping) else 1
-    trials_of = [(name, fitted(name)) for name in recordings_of]
     try:
         table, left_out = _core.repeatability(trials_of, least_people)
     except ValueError as error:
@@ -198,16 +277,18 @@ class Fit:
         ``stiffness_identifiable`` is false if the steps do not determine the parameter: its value is then the usual one of other
         people, or has no meaning. ``stiffness_at_bound`` is true if it is at a bound of the search. The other identified
         parameters have such columns, too, with the names ``ab``, ``damping``, ``n`` and ``m``. They are ``None`` without an
-        interval. ``results`` has the quantities that repeat (``quantities``), the remarks (``warnings``) and both intervals of
-        each parameter (``uncertainty``).
+        interval. ``results`` has the quantities that repeat (``quantities``) and both intervals of each parameter
+        (``uncertainty``).
 
         ``defects`` has the defects because of which the result of a fitted region is incomplete, separated by `` | ``, and
-        ``None`` if there is none. ``results`` has them as a list."""
+        ``None`` if there is none. ``warnings`` has remarks on a result in the same form, for example that parameters compensate
+        each other. ``results`` has both as lists."""
         rows = []
         for region, result in self.results["regions"].items():
             row: dict[str, Any] = {"region": region, "fitted": result["fitted"], "reason": result.get("reason")}
             # As text, so that the column can be written to CSV files. The defects are sentences that contain semicolons.
             row["defects"] = " | ".join(result.get("defects", [])) or None
+            row["warnings"] = " | ".join(result.get("warnings", [])) or None
             if result["fitted"]:
                 row |= {"steps": len(result["steps"]), "area_max_mm2": result["area_max_mm2"], **result["ellipsoid"]}
                 intervals = (result["uncertainty"] or {}).get("intervals_95", {})

@@ -5,13 +5,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 
+class AssumedSize(int):
+    """The default of the shoe size. Its type shows that the user did not state the size."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """The options of an evaluation. Names and meanings are those of the options of the command line, but those of contact rule
     and stance rule end with their units: ``--contact-on`` is named ``contact_on_kpa``, and ``--strike`` ``strike_n``.
     ``filter``, ``method``, ``bounds``, ``tissue`` and ``compression`` are options of fits, and a replay refuses them.
 
-    ``size``: European shoe size, a whole number from 20 to 52, to which the typical tissue thickness is scaled.
+    ``size``: European shoe size, a whole number from 20 to 52, to which the typical tissue thickness is scaled;
+        default: 42, and ``fit`` warns that it is assumed.
     ``filter``: The filter of the contact area: that of the step records of an insole (``direct``), that of its live stream
         (``live``) or, for comparison, the smoothing of the paper (``smoothed``). Parameters are valid only for the filter of
         their fit. Default: ``direct``, or ``smoothed`` with the method of the paper.
@@ -39,7 +44,7 @@ class Options:
         instead, and ``plantar.cohort`` refuses this option.
     """
 
-    size: int = 42
+    size: int = AssumedSize(42)
     filter: Literal["direct", "live", "smoothed"] | None = None
     method: Literal["projection", "paper"] = "projection"
     bounds: Literal["free", "paper"] = "free"

@@ -44,7 +44,7 @@ def foot(recording: Recording) -> Figure:
     axes.set_xlim(margins_mm if recording.side == "right" else margins_mm[::-1])
     axes.set_ylim(float(cells["y_mm"].min()) - side_mm.max(), float(cells["y_mm"].max()) + side_mm.max())
     # The names are beside the foot, so that they do not hide cells.
-    centres_mm = cells.groupby("region", sort=False)[["x_mm", "y_mm"]].mean()
+    centres_mm = cells.groupby("region", observed=True, sort=False)[["x_mm", "y_mm"]].mean()
     for is_lateral, beside_mm in centres_mm.groupby(centres_mm["x_mm"] > middle_mm):
         is_left = is_lateral != (recording.side == "right")
         name_y_mm = _spread(beside_mm["y_mm"].to_numpy(), _NAME_MM)

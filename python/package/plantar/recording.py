@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
+import pathlib
 import warnings
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -32,6 +34,11 @@ REGIONS = (
 """The names of the regions, from heel to toes."""
 
 Path = str | os.PathLike[str]
+
+
+def by_region(names: pd.Series) -> pd.Categorical:
+    """The names of regions as an ordered category: pandas then sorts them from heel to toes instead of by their names."""
+    return pd.Categorical(names, REGIONS, ordered=True)
 
 
 def read(path: Path) -> Recording:
@@ -97,17 +104,38 @@ class Recording:
         values: npt.NDArray[np.float32] = self._core.pressure_kpa().to_numpy()
         return values.reshape(len(self.t_s), -1)
 
-    @cached_property
+    @property
     def cells(self) -> pd.DataFrame:
-        """The cells in foot coordinates: ``x_mm`` to the lateral side, ``y_mm`` from heel to toes, ``area_mm2``, ``region``."""
+        """The cells in foot coordinates: ``x_mm`` to the lateral side, ``y_mm`` from heel to toes, ``area_mm2``, and ``region``,
+        an ordered category from heel to toes. Each use returns a table of its own: a change of it does not change forces."""
         cells: pd.DataFrame = self._core.cells().to_pandas()
+        cells["region"] = by_region(cells["region"])
         return cells.set_index("cell")
+
+    @cached_property
+    def _areas_mm2(self) -> npt.NDArray[np.float64]:
+        """The areas of the cells, mm2."""
+        return self.cells["area_mm2"].to_numpy(float)
+
+    @cached_property
+    def _layout_name(self) -> str | None:
+        """Name of the sensor and of its layout, from the metadata of the file. ``None`` if the file has changed and cannot be
+        read any more. The compiled part does not offer this name."""
+        import pyarrow.parquet
+
+        path = pathlib.Path(self.path)
+        try:
+            parts = sorted(part for part in path.glob("*.parquet") if not part.name.startswith(".")) if path.is_dir() else [path]
+            name = json.loads(pyarrow.parquet.read_schema(parts[0]).metadata[b"plantar"])["layout"]["name"]
+        except (OSError, LookupError, TypeError, ValueError):
+            return None
+        return str(name)
 
     @property
     def force_n(self) -> npt.NDArray[np.float64]:
         """Force on all cells in each frame, N."""
         # 1 kPa on 1 mm2 is 1 mN.
-        force_n: npt.NDArray[np.float64] = self.pressure_kpa @ self.cells["area_mm2"].to_numpy() * 1e-3
+        force_n: npt.NDArray[np.float64] = self.pressure_kpa @ self._areas_mm2 * 1e-3
         return force_n
 
     def to_pandas(self) -> pd.DataFrame:
@@ -165,8 +193,7 @@ class Replay:
         steps = records.to_pandas()
         # An insole counts time from its first scan. The table has the time of the heel strike in the recording instead.
         steps["start_s"] = recording.t_s[(steps["start_s"] / self._period_s).round().astype(int)]
-        # With categories, pandas sorts the regions from heel to toes instead of by their names.
-        steps["region"] = pd.Categorical(steps["region"], REGIONS, ordered=True)
+        steps["region"] = by_region(steps["region"])
         self.steps: pd.DataFrame = steps.set_index(["step", "region"])
         """One row for each region of each step, indexed by ``step`` and ``region``, an ordered category from heel to toes.
         docs/quantities.md describes the columns. ``start_s`` is on the time axis of the recording, as ``frames`` and
