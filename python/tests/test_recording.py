@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import pathlib
+import re
 import sys
 import threading
 import warnings
@@ -17,6 +18,7 @@ import pytest
 from conftest import plantar, walk
 
 import plantar as package
+from plantar import recording as recordings
 
 
 def test_a_recording_has_the_values_of_its_file(walk_file: pathlib.Path) -> None:
@@ -50,7 +52,6 @@ def test_arrays_share_the_memory_of_the_recording_and_outlive_it(walk_file: path
 def test_a_change_of_the_cells_does_not_change_forces(walk_file: pathlib.Path) -> None:
     recording = package.read(walk_file)
     areas_mm2 = package.read(walk_file).cells["area_mm2"]
-    recording.cells["area_mm2"] *= 2
     cells = recording.cells
     cells.loc[:, "area_mm2"] = 0.0
     pd.testing.assert_series_equal(recording.cells["area_mm2"], areas_mm2)
@@ -228,16 +229,55 @@ def test_typical_parameters_are_reported_and_personal_ones_are_not(
 ) -> None:
     package.replay(walk_file)
     package.read(walk_file).replay()
-    for _ in range(2):
-        warning = recwarn.pop()
-        assert "not personal" in str(warning.message) and warning.filename == __file__
-    package.fit(walk_file).write(tmp_path / "params.toml")
+    for words in ("not personal", "NOT APPLICABLE to toe_2 ") * 2:
+        warning = recwarn.list.pop(0)
+        assert words in str(warning.message) and warning.filename == __file__
+    package.fit(walk_file, options=package.Options(size=42)).write(tmp_path / "params.toml")
     package.replay(walk_file, params=tmp_path / "params.toml")
     assert not recwarn.list
     text = (tmp_path / "params.toml").read_text()
     (tmp_path / "partly.toml").write_text(text.replace('"toe_2", ', ""))
     package.replay(walk_file, params=tmp_path / "partly.toml")
-    assert "parameters of toe_2 are typical values" in str(recwarn.pop().message)
+    assert "parameters of toe_2 are typical values" in str(recwarn.list.pop(0).message)
+
+
+def test_the_typical_ranges_are_those_of_the_command_line() -> None:
+    source = pathlib.Path(__file__).parents[2] / "tools" / "parameters" / "src" / "defaults.rs"
+    text = source.read_text(encoding="utf-8")
+    rows = re.findall(r"^    typical\((.*)\),$", text, re.MULTILINE)
+    ranges = [tuple(map(tuple, json.loads(f"[{row}]")[-2:])) for row in rows]
+    assert ranges == [recordings._TYPICAL_RANGES[region] for region in package.REGIONS]
+    assert f"const MARGIN: f64 = {recordings._TYPICAL_MARGIN};" in text
+
+
+@pytest.mark.parametrize(("scale", "size"), [(1.0, 42), (0.5, 42), (2.0, 42), (1.0, 52), (1.0, 20)])
+def test_typical_parameters_that_do_not_apply_are_named_as_on_the_command_line(
+    tmp_path: pathlib.Path, scale: float, size: int
+) -> None:
+    path = walk(tmp_path / "walk.parquet", "--steps", 4, scale=scale)
+    typical, partly = tmp_path / "typical.toml", tmp_path / "partly.toml"
+    plantar("params", "typical", "--size", size, "--out", typical)
+    package.fit(path).write(partly)
+    partly.write_text(partly.read_text().replace('"toe_2", ', ""))
+    counts = []
+    named = re.compile(r"\w+ \(\d+ mm2, \d+ kPa\)")
+    for options, keywords in (
+        (["--size", size], {"options": package.Options(size=size)}),
+        (["--params", typical], {"params": typical}),
+        (["--params", partly], {"params": partly}),
+    ):
+        printed = plantar("replay", path, *options)
+        expected = [named.findall(line) for line in printed.splitlines() if "NOT APPLICABLE" in line]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            package.replay(path, **keywords)
+        texts = [str(warning.message) for warning in caught if "NOT APPLICABLE" in str(warning.message)]
+        assert [named.findall(text) for text in texts] == expected
+        assert all(warning.filename == __file__ for warning in caught)
+        counts.append(sum(map(len, expected)))
+    # Personal parameters apply.
+    assert counts[2] <= 1
+    assert counts[0] > 0 or (scale == 1.0 and size >= 42)
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")

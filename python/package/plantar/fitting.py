@@ -75,13 +75,14 @@ def _notes_on_sensors(recordings: Sequence[Recording], values: str, verb: str) -
     if other is None:
         return []
     first, second = (
-        f"{recording._layout_name or 'unknown layout'}, {recording._areas_mm2.mean():.0f} mm2 per cell, in {recording.path}"
+        f"{recording._layout_name or 'unknown layout'}, {recording._areas_mm2.mean():.0f} mm2 per cell, "
+        f"in {recording.path}"
         for recording in (recordings[0], other)
     )
     return [
-        f"the recordings are of different sensors, or have cells of different sizes ({first}; {second}): areas and forces depend "
-        f"on the sensor and the size of its cells, so that these differences count as differences between the {values}: import "
-        f"the recordings with the same --cells, or {verb} those of each sensor separately"
+        f"the recordings are of different sensors, or have cells of different sizes ({first}; {second}): areas and forces "
+        "depend on the sensor and the size of its cells, so that these differences count as differences between the "
+        f"{values}: import the recordings with the same --cells, or {verb} those of each sensor separately"
     ]
 
 
@@ -92,17 +93,15 @@ def _notes_on_fit(results: dict[str, Any], options: Options) -> list[str]:
     has_typical_thickness = any(result["fitted"] and result["pinned"]["d0_by"] == "shoe_size" for result in regions)
     if has_typical_thickness and isinstance(options.size, AssumedSize):
         notes.append(
-            f"{name}: size {options.size} assumed for the typical thickness of the tissue: state the size of the shoe with "
-            "Options(size=...)"
+            f"{name}: size {options.size} assumed for the typical thickness of the tissue: state the size of the shoe "
+            "with Options(size=...)"
         )
-    sides = [recording["side"] for recording in results["recordings"]]
-    left, right = (
-        _counted(sum(sides[step["recording"]] == side for step in results["steps"]), "step") for side in ("left", "right")
-    )
-    if len({sides[step["recording"]] for step in results["steps"]}) == 2:
+    sides = [results["recordings"][step["recording"]]["side"] for step in results["steps"]]
+    if len(set(sides)) == 2:
+        left, right = (_counted(sides.count(side), "step") for side in ("left", "right"))
         notes.append(
-            f"{name}: the parameters are those of both feet together: {left} of the left foot and {right} of the right foot; fit "
-            "each foot separately for its own parameters"
+            f"{name}: the parameters are those of both feet together: {left} of the left foot and {right} of the right "
+            "foot; fit each foot separately for its own parameters"
         )
     if left_out := results["left_out"]:
         contacts = [
@@ -111,7 +110,8 @@ def _notes_on_fit(results: dict[str, Any], options: Options) -> list[str]:
         ]
         # A long recording can have many of them: one warning names the first ones, and `results` has all.
         more = "" if len(contacts) <= _NAMED_CONTACTS else "; results['left_out'] has all of them"
-        notes.append(f"{name}: {_counted(len(contacts), 'contact')} left out: {'; '.join(contacts[:_NAMED_CONTACTS])}{more}")
+        count = _counted(len(contacts), "contact")
+        notes.append(f"{name}: {count} left out: {'; '.join(contacts[:_NAMED_CONTACTS])}{more}")
     return notes
 
 
