@@ -223,6 +223,9 @@ def test_rows_of_a_participant_without_a_folder_are_noted(
     notes = [line for line in capsys.readouterr().err.splitlines() if "no folder" in line]
     assert len(notes) == 1
     assert "participant=ann/" in notes[0]
+    with pytest.warns(UserWarning, match="the table has .*participant=ann/.* has no folder: remove the file") as caught:
+        cohort.run(study, out)
+    assert [warning.filename for warning in caught] == [__file__]
 
 
 def test_a_folder_with_only_the_table_is_no_participant(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
@@ -318,6 +321,13 @@ def test_misplaced_and_misnamed_files_are_left_out_and_named(
     text = plantar_program("cohort", study, "--out", tmp_path / "rust", status=3)
     for name, reason in expected:
         assert any(name in line and reason in line for line in text.splitlines()), text
+    # A warning for the participant, and one for the study.
+    with pytest.warns(UserWarning) as caught:
+        cohort.run(study, tmp_path / "table")
+    of_ann, of_study = [str(warning.message) for warning in caught if warning.filename == __file__]
+    assert of_ann.startswith("ann: left out: ") and of_ann.count(" | left out: ") == 1
+    assert all(name in of_ann and reason in of_ann for name, reason in expected[:2])
+    assert all(words in of_study for words in expected[2])
 
 
 def test_a_recording_in_parts_has_the_rows_of_the_command_line(tmp_path: pathlib.Path) -> None:
@@ -395,6 +405,11 @@ def test_an_unusable_recording_is_reported_and_tried_again(
         assert words in text
     rows = table(out)
     assert rows.groupby("participant", observed=True).size().to_dict() == {"ann": 16, "bob=b.": 32, "cid": 32}
+    with pytest.warns(UserWarning) as caught:
+        cohort.run(study, out)
+    texts = [str(warning.message) for warning in caught if warning.filename == __file__]
+    starts = ("ann: left out: ", "dan: left out: ", "nobody: left out: ")
+    assert all(text.startswith(start) for text, start in zip(texts, starts, strict=True))
     damaged.write_bytes(good)
     (study / "nobody").rmdir()
     (study / "dan" / "participant.toml").unlink()
@@ -434,6 +449,8 @@ def test_incomplete_results_are_named_and_a_shared_file_in_object_storage_is_rea
         out, text = capsys.readouterr()
         assert f"; participants already up to date: {cached}" in out
         assert "incomplete: ann, 0.parquet, heel: measurements contradict each other" in text and "left out" not in text
+    with pytest.warns(UserWarning, match="^ann: incomplete: ann, 0.parquet, heel: measurements "):
+        cohort.run("memory://shared/study", "memory://shared/table")
     # With a thickness (mm) only, no measurements contradict each other.
     memory.pipe("/shared/study/tissue.toml", b"heel = 17")
     assert cohort.main(["memory://shared/study", "--out", "memory://shared/table"]) == 0
@@ -445,3 +462,7 @@ def test_a_study_without_participants_is_an_error(tmp_path: pathlib.Path) -> Non
     (tmp_path / "study").mkdir()
     with pytest.raises(OSError, match="no participant"):
         cohort.run(tmp_path / "study", tmp_path / "table")
+    # Without any step, there is no table either.
+    (tmp_path / "study" / "nobody").mkdir()
+    with pytest.warns(UserWarning, match="^nobody: left out: .*no recording"):
+        assert cohort.run(tmp_path / "study", tmp_path / "table")[0].steps == 0

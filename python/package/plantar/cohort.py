@@ -341,7 +341,34 @@ def run(
     interruption, the same call evaluates only the remaining participants. Raises a ``ConnectionError`` if the scheduler cannot
     be reached or is lost, and a ``ValueError`` or an ``OSError``, before anything is changed, for options that are invalid for
     every participant.
+
+    A ``UserWarning`` for each participant names the recordings that could not be used, the incomplete results and the
+    measurements that are out of range, which the outcome has, too. Further ones name files at the top level of the study that are
+    not used, and rows in the table of participants who have no folder any more.
     """
+    outcomes = _outcomes(study, out, scheduler, options, progress)
+    for outcome in outcomes:
+        # The reasons are sentences that contain semicolons.
+        reasons = [f"note: {note}" for note in outcome.notes]
+        reasons += [f"left out: {reason}" for reason in outcome.left_out]
+        reasons += [f"incomplete: {defect}" for defect in outcome.incomplete]
+        if reasons:
+            warnings.warn(f"{outcome.participant}: {' | '.join(reasons)}", stacklevel=2)
+    for reason in outside(study):
+        warnings.warn(f"left out: {reason}", stacklevel=2)
+    for note in _notes_on_rows(out, outcomes):
+        warnings.warn(note, stacklevel=2)
+    return outcomes
+
+
+def _outcomes(
+    study: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    scheduler: str,
+    options: Options,
+    progress: Callable[[int, int], None] | None,
+) -> list[Outcome]:
+    """The outcomes of all participants, without warnings: see ``run``."""
     study, out = _address(study), _address(out)
     names = participants(study, out)
     _refuse_zero(options)
@@ -352,7 +379,8 @@ def run(
     try:
         if not client.nthreads():
             problem = f"the scheduler {scheduler} has no worker yet: start one with `dask worker {scheduler}`"
-            warnings.warn(problem, stacklevel=2)
+            # At the place where the user called `run`.
+            warnings.warn(problem, stacklevel=3)
         # With `pure`, Dask would reuse the results of an earlier run with the same arguments, although files may have changed.
         futures = client.map(evaluate, names, study=study, out=out, options=options, pure=False)
         name_of = {future.key: name for future, name in zip(futures, names, strict=True)}
@@ -390,13 +418,19 @@ def run(
     return [outcomes[name] for name in names]
 
 
-def _without_folder(out: str, names: Sequence[str]) -> list[str]:
-    """The files of the table of participants without a folder in the study."""
+def _notes_on_rows(out: str | os.PathLike[str], outcomes: Sequence[Outcome]) -> list[str]:
+    """A note on each file of the table of a participant without a folder in the study."""
     files, root = fsspec.url_to_fs(_address(out))
-    known = [f"{root}/{_core.steps_path(name)}" for name in names]
+    known = [f"{root}/{_core.steps_path(outcome.participant)}" for outcome in outcomes]
     file_name = known[0].rsplit("/", 1)[-1]
-    paths = [f"{folder.rstrip('/')}/{file_name}" for folder in files.ls(root, detail=False)]
-    return sorted(path for path in paths if path not in known and files.exists(path))
+    try:
+        folders = files.ls(root, detail=False)
+    except FileNotFoundError:
+        # No participant has a step, so there is no table.
+        return []
+    paths = sorted(f"{folder.rstrip('/')}/{file_name}" for folder in folders)
+    problem = "but this participant has no folder: remove the file unless you need it"
+    return [f"the table has {path}, {problem}" for path in paths if path not in known and files.exists(path)]
 
 
 def _address(path: str | os.PathLike[str]) -> str:
@@ -456,7 +490,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     start_s = time.monotonic()
     try:
-        outcomes = run(study, out, scheduler=scheduler, options=options, progress=progress)
+        outcomes = _outcomes(study, out, scheduler, options, progress)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -473,9 +507,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if cached_count == len(fitted) == 0:
         print(f"error: {study}: no step of any participant was found, for the reasons above", file=sys.stderr)
         return 1
-    for path in _without_folder(out, [outcome.participant for outcome in outcomes]):
-        problem = "but this participant has no folder: remove the file unless you need it"
-        print(f"note: the table has {path}, {problem}", file=sys.stderr)
+    for note in _notes_on_rows(out, outcomes):
+        print(f"note: {note}", file=sys.stderr)
     steps = sum(outcome.steps for outcome in fitted)
     print(
         f"wrote {out}: {steps} step{'' if steps == 1 else 's'} of {len(fitted)} participant{'' if len(fitted) == 1 else 's'} in "
