@@ -376,7 +376,8 @@ def test_the_frame_period_is_that_of_the_insole(tmp_path: pathlib.Path, rate_hz:
 def test_a_recording_without_steps_has_tables_without_rows(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     table = pq.read_table(walk_file)
     pq.write_table(table.slice(0, 20), tmp_path / "short.parquet")
-    replay = package.replay(tmp_path / "short.parquet")
+    with pytest.warns(UserWarning, match=r"short.parquet: no step: the largest total force is \d+ N; check .* in kPa"):
+        replay = package.replay(tmp_path / "short.parquet")
     assert replay.normalised("total_force_n").shape == (0, 101)
     pd.testing.assert_frame_equal(replay.steps, package.replay(walk_file).steps.iloc[:0])
     rows = package.fit_steps(tmp_path / "short.parquet")
@@ -384,6 +385,17 @@ def test_a_recording_without_steps_has_tables_without_rows(walk_file: pathlib.Pa
     with pytest.raises(ValueError, match="no region could be fitted"):
         package.fit(tmp_path / "short.parquet").write(tmp_path / "params.toml")
     assert not (tmp_path / "params.toml").exists()
+
+
+def test_a_replay_in_another_unit_has_no_step_and_a_warning(tmp_path: pathlib.Path) -> None:
+    # Pressures in MPa.
+    path = walk(tmp_path / "walk.parquet", "--steps", 2, scale=1e-3)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert package.replay(path).steps.empty and package.read(path).replay().steps.empty
+    texts = [str(warning.message) for warning in caught if "no step" in str(warning.message)]
+    assert len(texts) == 2 and "largest total force is 0.8" in texts[0] and "release_n" in texts[0]
+    assert all(warning.filename == __file__ for warning in caught)
 
 
 def test_parameters_for_another_filter_are_used_with_a_warning(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:

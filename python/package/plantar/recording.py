@@ -216,8 +216,8 @@ class Recording:
 
         ``params`` is a parameter file. Without one, typical parameters of ``options.size`` are used, and a warning states that
         they are not personal. Warnings also name regions to which typical parameters do not apply, contacts that the beginning
-        or the end of the recording cuts off, sensor faults and masked cells. ``precision`` is ``f32``, that of the insole, or
-        ``f64``. Raises a ``ValueError`` if an option that has no effect on a replay, such as ``filter``, differs from its
+        or the end of the recording cuts off, sensor faults and masked cells, or state that there is no step. ``precision`` is
+        ``f32``, that of the insole, or ``f64``. Raises a ``ValueError`` if an option that has no effect on a replay, such as ``filter``, differs from its
         default.
         """
         return Replay(self, params, precision, options)
@@ -255,6 +255,14 @@ class Replay:
         # An insole counts time from its first scan. The table has the time of the heel strike in the recording instead.
         steps["start_s"] = recording.t_s[(steps["start_s"] / self._period_s).round().astype(int)]
         steps["region"] = by_region(steps["region"])
+        if steps.empty:
+            warnings.warn(
+                f"{recording.path}: no step: the largest total force is {recording.force_n.max(initial=0.0):.4g} N; check that "
+                "pressures are in kPa and areas in mm2, that the thresholds (strike_n, release_n) are below this force, and "
+                f"that the rate is {recording.rate_hz:g} Hz; otherwise record a walk of several steps, each with the foot in "
+                "the air before and after it",
+                stacklevel=3,
+            )
         self.steps: pd.DataFrame = steps.set_index(["step", "region"])
         """One row for each region of each step, indexed by ``step`` and ``region``, an ordered category from heel to toes.
         docs/quantities.md describes the columns. ``start_s`` is on the time axis of the recording, as ``frames`` and
