@@ -261,6 +261,21 @@ def test_a_fit_of_both_feet_is_noted_as_on_the_command_line(walk_file: pathlib.P
     assert notes == [f"walk: {expected.removesuffix('.')}"] and "6 steps of the left" not in expected
 
 
+@pytest.mark.parametrize(
+    ("file_name", "subject"),
+    [("pedar.left", "pedar"), ("ann-left", "ann"), ("left", "both feet"), ("cleft", "cleft"), ("walk", "walk")],
+)
+def test_the_name_of_a_person_with_both_feet_is_that_of_the_command_line(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path, file_name: str, subject: str
+) -> None:
+    left = walk(tmp_path / f"{file_name}.parquet", "--side", "left", "--steps", 4)
+    plantar("fit", left, walk_file, "--out", tmp_path / "params.toml")
+    package.fit([left, walk_file], options=package.Options(size=42)).write(tmp_path / "own.toml")
+    own, other = (tomllib.loads((tmp_path / name).read_text())["subject"] for name in ("own.toml", "params.toml"))
+    assert own == other == subject
+    assert package.fit(left).results["participant"] == file_name
+
+
 def with_layout(source: pathlib.Path, path: pathlib.Path, name: str, area: float, scale: float = 1.0) -> pathlib.Path:
     """A copy of a recording with another name of the layout, areas and pressures multiplied by the factors."""
     table = pq.read_table(source)

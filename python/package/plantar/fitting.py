@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import pathlib
+import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
@@ -128,7 +129,7 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     """Identifies the tissue parameters of one person from recordings of walking, like ``plantar fit``.
 
     Several trials and both feet may be given. ``participant`` is the name of the person; the default is the name of the first
-    file without its extension. Raises a ``ValueError`` if a recording is given twice.
+    file without its extension and, for both feet, without the name of the foot at its end. Raises a ``ValueError`` if a recording is given twice.
 
     If the result of a region is incomplete, for example because only one step could be used, a ``UserWarning`` for each defect
     names the region and the remedy. ``Fit.table`` has the defects, too, and the reasons of regions that were not fitted. If no
@@ -141,7 +142,7 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     # The cross-validation predicts a step from the other steps. With a copy of the step among them, the predicted error would be
     # too small.
     _check_distinct(opened, {})
-    name = pathlib.Path(opened[0].path).stem if participant is None else participant
+    name = _name(opened) if participant is None else participant
     core, notes = _core.identify([recording._core for recording in opened], name, options)
     fitted = Fit(core)
     # The wording is that of the command line, which ends with exit status 3 if a result is incomplete. Python shows equal
@@ -159,6 +160,17 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
         defects.append(f"{name}: no region could be fitted: {' | '.join(reasons)}")
     _warn([*notes, *_notes_on_sensors(opened, "steps", "fit"), *_notes_on_fit(fitted.results, options), *defects])
     return fitted
+
+
+def _name(recordings: Sequence[Recording]) -> str:
+    """The name of a person, from the first recording: that of the file and, for both feet, without the word for the foot at its
+    end, which an import appends. This is the rule of the command line."""
+    name = pathlib.Path(recordings[0].path).stem
+    if len({recording.side for recording in recordings}) == 1:
+        return name
+    if name in ("left", "right"):
+        return "both feet"
+    return re.sub(r"[._ -](left|right)$", "", name)
 
 
 def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> pyarrow.Table:
