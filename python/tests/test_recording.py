@@ -292,7 +292,8 @@ def test_normalised_steps_are_interpolated_from_heel_strike_to_toe_off(
         assert curves.shape == (6, 101)
         column = frames[quantity if region is None else f"{region}_{quantity}"]
         for curve, step in zip(curves, json.loads((tmp_path / "steps.json").read_text()), strict=True):
-            sample_t_s = frames["t_s"][0] + step["start_s"] + np.arange(101) / 100 * step["duration_s"]
+            last_s = step["duration_s"] - 1 / replay.recording.rate_hz
+            sample_t_s = frames["t_s"][0] + step["start_s"] + np.arange(101) / 100 * last_s
             np.testing.assert_allclose(curve, np.interp(sample_t_s, frames["t_s"], column), rtol=1e-12, atol=1e-9)
             if region is None:
                 # The step begins and ends near the threshold of stance, and its peak is that of the step record.
@@ -303,6 +304,17 @@ def test_normalised_steps_are_interpolated_from_heel_strike_to_toe_off(
         replay.normalised("area", region="heel")
     with pytest.raises(ValueError, match="no region foo: the regions are heel, .*, toes_35"):
         replay.normalised("area_mm2", region="foo")
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_a_percentage_of_stance_is_the_same_in_steps_and_normalised_curves(walk_file: pathlib.Path) -> None:
+    replay = package.replay(walk_file)
+    steps = replay.steps.groupby(level="step").first()
+    for axis in ("x", "y"):
+        curves = replay.normalised(f"cop_{axis}_mm")
+        for percent in (10, 30, 50, 70, 90):
+            # The step record has a resolution of 0.1 mm. One frame later, the centre of pressure has moved by 3 mm at 50 %.
+            np.testing.assert_allclose(curves[:, percent], steps[f"gait_{axis}_{percent}_mm"], atol=0.06)
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")

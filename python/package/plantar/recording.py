@@ -283,7 +283,8 @@ class Replay:
     def normalised(
         self, quantity: str, points: int = 101, *, region: str | None = None
     ) -> npt.NDArray[np.float64]:
-        """A column of ``frames`` over the stance of each step, by linear interpolation from heel strike to toe off.
+        """A column of ``frames`` over the stance of each step, by linear interpolation. 0 % of stance is the frame of heel strike,
+        and 100 % is the last frame before that of toe off, as in the columns ``gait_x_10_mm`` and so on of ``steps``.
 
         The result has one row for each step, in the order of ``steps``, and ``points`` columns: the form that spm1d expects. With
         a region, ``quantity`` is the name without the prefix, such as ``area_mm2``. The unit is that of the column.
@@ -306,7 +307,8 @@ class Replay:
         values = self.frames[column].to_numpy(float)
         steps = self.steps.groupby(level="step", sort=False)[["start_s", "duration_s"]].first()
         start = self.recording.t_s.searchsorted(steps["start_s"])
-        length = steps["duration_s"].to_numpy() / self._period_s
+        # At toe off, the force is below the threshold: the frame before is the last one of the stance.
+        length = steps["duration_s"].to_numpy() / self._period_s - 1
         frames = start[:, None] + length[:, None] * np.linspace(0.0, 1.0, points)
         curves: npt.NDArray[np.float64] = np.interp(frames, np.arange(len(values)), values)
         return curves
