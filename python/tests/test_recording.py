@@ -2,12 +2,14 @@
 
 import dataclasses
 import json
+import os
 import pathlib
 import re
 import sys
 import threading
 import warnings
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -152,6 +154,102 @@ def test_the_lines_of_the_readme_write_a_recording(
     np.testing.assert_allclose(own.t_s, recording.t_s, atol=1e-9)
     pd.testing.assert_frame_equal(own.cells, recording.cells)
     assert (own.side, own.rate_hz, own.source) == ("right", 100.0, "my sensor, trial 1")
+
+
+def changed(source: pathlib.Path, path: pathlib.Path, pressure: float = 1.0, length: float = 1.0) -> pathlib.Path:
+    """A copy of a recording with pressures and lengths multiplied by these factors, and areas by the square of the second."""
+    table = pq.read_table(source)
+    meta = json.loads(table.schema.metadata[b"plantar"])
+    for cell in meta["layout"]["cells"]:
+        cell.update(x_mm=cell["x_mm"] * length, y_mm=cell["y_mm"] * length, area_mm2=cell["area_mm2"] * length**2)
+    columns = [column.to_numpy() * np.float32(pressure) for column in table.columns[1:]]
+    table = pa.table([table.column(0), *columns], schema=table.schema)
+    pq.write_table(table.replace_schema_metadata({"plantar": json.dumps(meta)}), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("pressure", "length", "words"),
+    [
+        (10.0, 1.0, r"the largest force is 80\d\d N, more than a foot carries"),
+        (7.5, 1.0, r"the largest force is 60\d\d N, .* check that pressures are in kPa"),
+        (1.0, 0.1, r"the cells extend over 2\d.\d mm, and have 190 mm2 in total"),
+    ],
+)
+def test_values_in_another_unit_are_named_when_a_recording_is_read(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path, pressure: float, length: float, words: str
+) -> None:
+    path = changed(walk_file, tmp_path / "other.parquet", pressure, length)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        package.read(path)
+        package.replay(path)
+        package.fit_steps(path)
+        package.fit([path])
+    texts = [str(warning.message) for warning in caught if re.search(f"other.parquet: {words}", str(warning.message))]
+    assert len(texts) == 4
+    assert all(warning.filename == __file__ for warning in caught)
+
+
+def test_a_recording_with_usual_or_small_forces_is_read_without_a_warning(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        package.read(walk_file)
+        package.read(changed(walk_file, tmp_path / "lifted.parquet", 1e-3))
+
+
+def test_exchanged_axes_are_named_when_a_recording_is_read(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    table = pq.read_table(walk_file)
+    meta = json.loads(table.schema.metadata[b"plantar"])
+    for cell in meta["layout"]["cells"]:
+        cell["x_mm"], cell["y_mm"] = cell["y_mm"], cell["x_mm"]
+    path = tmp_path / "exchanged.parquet"
+    pq.write_table(table.replace_schema_metadata({"plantar": json.dumps(meta)}), path)
+    with pytest.warns(UserWarning, match=r"exchanged.parquet: the layout is wider \(2\d\d mm\) than long"):
+        package.read(path)
+
+
+def test_the_home_folder_is_inserted_for_a_tilde_in_a_text(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path))
+    (tmp_path / "walk.parquet").write_bytes(walk_file.read_bytes())
+    assert package.read("~/walk.parquet").path == str(tmp_path / "walk.parquet")
+    (tmp_path / "tissue.toml").write_text("heel = 17\n")
+    fit = package.fit("~/walk.parquet", options=package.Options(size=40, tissue="~/tissue.toml"))
+    assert fit.table().loc["heel", "d0_mm"] == 17
+    fit.write("~/params.toml")
+    fit.report("~/report.html")
+    assert (tmp_path / "report.html").exists()
+    assert not package.replay("~/walk.parquet", params="~/params.toml").steps.empty
+    with pytest.raises(FileNotFoundError, match=f"{re.escape(str(tmp_path))}.nowhere.toml"):
+        package.replay("~/walk.parquet", options=package.Options(zero="~/nowhere.toml"))
+
+
+def test_a_path_as_bytes_is_refused(walk_file: pathlib.Path) -> None:
+    path: Any = os.fsencode(walk_file)
+    calls: list[Callable[[Any], object]] = [package.read, package.replay, package.fit, package.fit_steps]
+    for call in calls:
+        with pytest.raises(TypeError, match="walk.parquet'?: expected a path as text or as a pathlib.Path, not as bytes"):
+            call(path)
+    with pytest.raises(TypeError, match="not as bytes"):
+        package.Options(zero=path)
+
+
+def test_a_recorded_live_stream_is_refused_with_the_command_that_fits_it(tmp_path: pathlib.Path) -> None:
+    session, stream = tmp_path / "session", tmp_path / "walk.plantar"
+    (session / "steps").mkdir(parents=True)
+    stream.write_bytes(b"stream")
+    with pytest.raises(ValueError, match="session: a folder of `plantar record` .*: `plantar fit .*session` fits it; .*--cells"):
+        package.fit(session)
+    (session / "cells" / "000").mkdir(parents=True)
+    with pytest.raises(ValueError, match="fits it; Python reads the recordings of all cells, which are the folders in .*cells"):
+        package.read(session)
+    with pytest.raises(ValueError, match="walk.plantar: a recorded live stream: `plantar fit .*walk.plantar` fits it"):
+        package.replay(stream)
 
 
 def test_cut_off_contacts_are_those_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:

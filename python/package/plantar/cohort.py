@@ -32,6 +32,7 @@ from fsspec.implementations.local import LocalFileSystem
 from plantar import _core
 from plantar.fitting import defects_of
 from plantar.options import Options
+from plantar.paths import expanded
 from plantar.recording import REGIONS
 
 _MADE_FROM = b"plantar.made_from"
@@ -435,7 +436,7 @@ def _notes_on_rows(out: str | os.PathLike[str], outcomes: Sequence[Outcome]) -> 
 
 def _address(path: str | os.PathLike[str]) -> str:
     """The path in a form that has the same meaning in every process."""
-    files, root = fsspec.url_to_fs(os.fspath(path))
+    files, root = fsspec.url_to_fs(os.fspath(expanded(path)))
     return str(files.unstrip_protocol(root.rstrip("/")))
 
 

@@ -17,7 +17,8 @@ import pandas as pd
 
 from plantar import _core
 from plantar.options import AssumedSize, Options
-from plantar.recording import Path, Recording, read
+from plantar.paths import Path, expanded
+from plantar.recording import Recording, notes_on_units, opened
 
 if TYPE_CHECKING:
     import pyarrow
@@ -27,9 +28,19 @@ Recordings = Recording | Path | Iterable[Recording | Path]
 
 
 def _recordings(recordings: Recordings) -> list[Recording]:
-    """All recordings, read from their files if necessary."""
-    several = [recordings] if isinstance(recordings, (Recording, str, os.PathLike)) else recordings
-    return [recording if isinstance(recording, Recording) else read(recording) for recording in several]
+    """All recordings, read from their files if necessary, with the warnings of ``read``. To be called by a function that the user
+    calls: the warnings are issued at the place of this call."""
+    # A path as `bytes` is iterable, too, but not a list of recordings.
+    is_single = isinstance(recordings, (Recording, str, bytes, os.PathLike))
+    several: Iterable[Recording | Path] = [recordings] if is_single else recordings  # type: ignore[list-item, assignment]
+    result = []
+    for recording in several:
+        if not isinstance(recording, Recording):
+            recording = opened(recording)
+            for note in notes_on_units(recording):
+                warnings.warn(note, stacklevel=3)
+        result.append(recording)
+    return result
 
 
 def _check_distinct(recordings: Iterable[Recording], known: dict[bytes, str]) -> None:
@@ -136,14 +147,14 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     region was fitted, a ``UserWarning`` states the reasons. Further warnings, as ``plantar fit`` prints them, concern recordings
     of both feet and of different sensors, contacts that were left out, and a typical thickness of an assumed shoe size.
     """
-    opened = _recordings(recordings)
-    if not opened:
+    given = _recordings(recordings)
+    if not given:
         raise ValueError("no recording: give one or more recordings of a person")
     # The cross-validation predicts a step from the other steps. With a copy of the step among them, the predicted error would be
     # too small.
-    _check_distinct(opened, {})
-    name = _name(opened) if participant is None else participant
-    core, notes = _core.identify([recording._core for recording in opened], name, options)
+    _check_distinct(given, {})
+    name = _name(given) if participant is None else participant
+    core, notes = _core.identify([recording._core for recording in given], name, options)
     fitted = Fit(core)
     # The wording is that of the command line, which ends with exit status 3 if a result is incomplete. Python shows equal
     # warnings of the same line only once. The name of the person makes them different, so that a loop over people shows all.
@@ -158,7 +169,7 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     if not any(result["fitted"] for result in regions):
         reasons = dict.fromkeys(result["reason"] for result in regions)
         defects.append(f"{name}: no region could be fitted: {' | '.join(reasons)}")
-    _warn([*notes, *_notes_on_sensors(opened, "steps", "fit"), *_notes_on_fit(fitted.results, options), *defects])
+    _warn([*notes, *_notes_on_sensors(given, "steps", "fit"), *_notes_on_fit(fitted.results, options), *defects])
     return fitted
 
 
@@ -183,15 +194,15 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
     """
     import pyarrow
 
-    opened = _recordings(recording)
-    if len(opened) != 1:
-        raise ValueError(f"{len(opened)} recordings, but fit_steps fits one recording: call it for each of them")
+    given = _recordings(recording)
+    if len(given) != 1:
+        raise ValueError(f"{len(given)} recordings, but fit_steps fits one recording: call it for each of them")
     person = _core.Person(options)
     _warn(person.notes)
-    table = pyarrow.Table.from_batches([person.rows(opened[0]._core)])
+    table = pyarrow.Table.from_batches([person.rows(given[0]._core)])
     # Python shows equal warnings of the same line only once. The recordings of several people can have equal file names, so the
     # path makes the warnings different.
-    _warn([f"incomplete: {opened[0].path}, {region}: {defect}" for _, region, defect in defects_of(table)])
+    _warn([f"incomplete: {given[0].path}, {region}: {defect}" for _, region, defect in defects_of(table)])
     return table
 
 
@@ -241,12 +252,12 @@ def repeat(
     known: dict[bytes, str] = {}
     trials_of: list[tuple[str, list[_core.Trial]]] = []
     for name, of_person in recordings_of.items():
-        opened = _recordings(of_person)
-        _check_distinct(opened, known)
+        given = _recordings(of_person)
+        _check_distinct(given, known)
         for side in ("left", "right"):
-            of_side = [recording for recording in opened if recording.side == side]
+            of_side = [recording for recording in given if recording.side == side]
             _warn(_notes_on_sensors(of_side, "trials", "compare"))
-        trials_of.append((name, [persons[options_of[name]].trial(recording._core) for recording in opened]))
+        trials_of.append((name, [persons[options_of[name]].trial(recording._core) for recording in given]))
     least_people = 2 if isinstance(people, Mapping) else 1
     try:
         table, left_out = _core.repeatability(trials_of, least_people)
@@ -327,11 +338,11 @@ class Fit:
 
     def write(self, path: Path) -> None:
         """Writes the parameter file, for ``replay(params=...)``, the command line and ``Insole.push``."""
-        pathlib.Path(path).write_text(self._core.toml(), encoding="utf-8")
+        pathlib.Path(expanded(path)).write_text(self._core.toml(), encoding="utf-8")
 
     def report(self, path: Path) -> None:
         """Writes the report of ``plantar fit`` as an HTML file, but does not repeat the fit with other choices of the method."""
-        pathlib.Path(path).write_text(self._core.html(), encoding="utf-8")
+        pathlib.Path(expanded(path)).write_text(self._core.html(), encoding="utf-8")
 
     def plot(self) -> Figure:
         """Draws the measured and the model force of each region over all steps, with the parameters and their errors."""

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any
 
 from plantar import _core
-from plantar.recording import Path
+from plantar.paths import Path, expanded
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Insole:
         ``UserWarning`` names parameters of the other foot, of another filter than that of step records, and those that are not
         personal.
         """
-        for note in self._core.push(params):
+        for note in self._core.push(expanded(params)):
             warnings.warn(note, stacklevel=2)
 
     def next_event(self) -> Event | None:

@@ -4,6 +4,8 @@ import os
 from dataclasses import dataclass
 from typing import Literal
 
+from plantar.paths import expanded
+
 
 class AssumedSize(int):
     """The default of the shoe size. Its type shows that the user did not state the size."""
@@ -60,3 +62,10 @@ class Options:
     min_swing_ms: int | None = None
     max_stance_ms: int | None = None
     zero: str | os.PathLike[str] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("tissue", "zero"):
+            path = getattr(self, name)
+            if path is not None:
+                # The class is frozen.
+                object.__setattr__(self, name, expanded(path))

@@ -16,6 +16,7 @@ import pandas as pd
 
 from plantar import _core
 from plantar.options import Options
+from plantar.paths import Path, expanded
 
 if TYPE_CHECKING:
     import xarray
@@ -33,9 +34,6 @@ REGIONS = (
 )
 """The names of the regions, from heel to toes."""
 
-Path = str | os.PathLike[str]
-
-
 def by_region(names: pd.Series) -> pd.Categorical:
     """The names of regions as an ordered category: pandas then sorts them from heel to toes instead of by their names."""
     return pd.Categorical(names, REGIONS, ordered=True)
@@ -45,9 +43,75 @@ def read(path: Path) -> Recording:
     """Reads a recording: a Parquet file, or a folder with the parts of one.
 
     Raises an ``OSError`` if the file cannot be read, and a ``ValueError`` that names the place and the remedy if it is not a
-    recording.
+    recording. A ``UserWarning`` states that the largest force or the cells cannot be those of a foot in walking, because a value
+    may be in another unit.
     """
-    return Recording(_core.Recording.read(path))
+    recording = opened(path)
+    for note in notes_on_units(recording):
+        warnings.warn(note, stacklevel=2)
+    return recording
+
+
+def opened(path: Path) -> Recording:
+    """Reads a recording without warnings."""
+    path = expanded(path)
+    try:
+        return Recording(_core.Recording.read(path))
+    except ValueError as error:
+        if (remedy := _remedy_for_live_stream(pathlib.Path(path))) is not None:
+            raise ValueError(f"{os.fspath(path)}: {remedy}") from error
+        raise
+
+
+def _remedy_for_live_stream(path: pathlib.Path) -> str | None:
+    """The remedy if the path is not a recording of all cells, but a recorded live stream, which the command line fits."""
+    command = f"`plantar fit {path}` fits it"
+    if (path / "live").is_dir() or (path / "steps").is_dir():
+        cells = path / "cells"
+        if cells.is_dir():
+            remedy = f"Python reads the recordings of all cells, which are the folders in {cells}"
+        else:
+            remedy = "Python reads recordings of all cells only, which `plantar record --cells` writes, too"
+        return f"a folder of `plantar record` with live frames and steps: {command}; {remedy}"
+    if path.suffix == ".plantar" and path.is_file():
+        return f"a recorded live stream: {command}; Python reads recordings of all cells only"
+    return None
+
+
+_MOST_FORCE_N = 4000.0
+"""Largest force on a foot that walking and running lead to, N: three times the weight of a runner of 135 kg."""
+_LEAST_EXTENT_MM = 80.0
+"""Least extent of the centres of the cells under a whole foot, mm. The number for the largest foot in cm is smaller."""
+_LEAST_AREA_MM2 = 250.0
+"""Least total area of the cells under a whole foot, mm2. The number for an insole in cm2 is smaller."""
+
+
+def notes_on_units(recording: Recording) -> list[str]:
+    """Notes on values that seem to be in another unit, and on exchanged axes, with the limits of ``plantar import``. A small
+    force leads to none, because a foot may be lifted in the whole recording; a replay without a step has a note."""
+    # In the precision of the pressures, so that they are not copied.
+    largest_n = float((recording.pressure_kpa @ recording._areas_mm2.astype(np.float32)).max(initial=0.0)) * 1e-3
+    cells = recording.cells
+    width_mm, length_mm = (float(np.ptp(cells[name].to_numpy())) for name in ("x_mm", "y_mm"))
+    area_mm2 = float(recording._areas_mm2.sum())
+    if max(width_mm, length_mm) < _LEAST_EXTENT_MM or area_mm2 < _LEAST_AREA_MM2:
+        return [
+            f"{recording.path}: the cells extend over {max(width_mm, length_mm):.1f} mm, and have {area_mm2:.0f} mm2 in "
+            "total. If the layout is that of a whole foot, it is in another unit, and the forces are wrong: state x_mm and "
+            "y_mm in mm, and area_mm2 in mm2"
+        ]
+    notes = []
+    if width_mm > length_mm:
+        notes.append(
+            f"{recording.path}: the layout is wider ({width_mm:.0f} mm) than long ({length_mm:.0f} mm): the axes may be "
+            "exchanged. x_mm increases from the medial to the lateral edge, and y_mm from the heel to the toes"
+        )
+    if largest_n > _MOST_FORCE_N:
+        notes.append(
+            f"{recording.path}: the largest force is {largest_n:.4g} N, more than a foot carries in running: unless the "
+            "recording contains jumps, check that pressures are in kPa, and areas in mm2"
+        )
+    return notes
 
 
 def replay(
@@ -58,8 +122,11 @@ def replay(
     options: Options = Options(),
 ) -> Replay:
     """The steps of a recording as an insole computes them, like ``plantar replay``. See ``Recording.replay``."""
-    opened = recording if isinstance(recording, Recording) else read(recording)
-    return Replay(opened, params, precision, options)
+    if not isinstance(recording, Recording):
+        recording = opened(recording)
+        for note in notes_on_units(recording):
+            warnings.warn(note, stacklevel=2)
+    return Replay(recording, params, precision, options)
 
 
 _TYPICAL_RANGES = {
@@ -236,6 +303,7 @@ class Replay:
         self, recording: Recording, params: Path | None, precision: Literal["f32", "f64"], options: Options
     ) -> None:
         self.recording = recording
+        params = None if params is None else expanded(params)
         self._arguments = (options, params, precision)
         records, _, notes = _core.replay(recording._core, *self._arguments, False)
         for note in notes:
