@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 import warnings
 from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -32,7 +33,8 @@ class Event:
 class Insole:
     """A connected insole: a context manager, and an iterable and an asynchronous iterable of events.
 
-    A lost link is opened again. The insole deletes a record once the next event is requested. If the processing of a record
+    A lost link is opened again. A loop over the insole waits without end if the insole does not return: ``events`` accepts a
+    time-out. The insole deletes a record once the next event is requested. If the processing of a record
     raises an exception, the record therefore arrives again in the next session.
     """
 
@@ -75,7 +77,8 @@ class Insole:
             warnings.warn(note, stacklevel=2)
 
     def next_event(self) -> Event | None:
-        """The next event, or ``None`` if none arrived. Waits for about 50 ms, and longer while it opens a lost link again."""
+        """The next event, or ``None`` if none arrived within about 50 ms, also while a lost link is opened again. A call can return
+        ``None`` although the insole sends: not every message is an event."""
         call, self._call = self._call, None
         return self._receive() if call is None or call.cancelled() else call.result()
 
@@ -91,11 +94,22 @@ class Insole:
             self._unacknowledged = values["step" if kind == "step" else "number"]
         return Event(kind, values, unix_s)
 
-    def __iter__(self) -> Iterator[Event]:
+    def events(self, timeout_s: float | None = None) -> Iterator[Event]:
+        """The events, as in a loop over the insole. The iteration ends if no event arrives for ``timeout_s``, s, for example
+        because the insole was switched off; without a time-out, it waits for the insole. The insole deletes the last record before
+        the iteration waits for the next event."""
+        last_s = time.monotonic()
         while True:
             event = self.next_event()
             if event is not None:
                 yield event
+                # The time that the caller needs for an event does not count.
+                last_s = time.monotonic()
+            elif timeout_s is not None and time.monotonic() - last_s > timeout_s:
+                return
+
+    def __iter__(self) -> Iterator[Event]:
+        return self.events()
 
     async def __aiter__(self) -> AsyncIterator[Event]:
         while True:
