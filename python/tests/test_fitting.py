@@ -69,9 +69,38 @@ def test_all_results_are_those_of_the_command_line(walk_file: pathlib.Path, tmp_
     assert (fitted["nrmse_predicted_counted_percent"] != fitted["nrmse_predicted_percent"]).all()
 
 
+def test_the_table_has_the_quantities_with_the_names_of_the_table_of_a_cohort(walk_file: pathlib.Path) -> None:
+    fit = package.fit(walk_file)
+    table = fit.table()
+    for region, result in fit.results["regions"].items():
+        row = table.loc[region]
+        assert set(result["quantities"]) <= set(fitting.QUANTITIES)
+        for name in fitting.QUANTITIES:
+            if name not in result["quantities"]:
+                assert np.isnan(row[name]) and np.isnan(row[f"{name}_low"])
+                continue
+            expected = result["quantities"][name]
+            assert [row[name], row[f"{name}_low"], row[f"{name}_high"]] == [expected["value"], *expected["interval_95"]]
+    assert table["force_at_70_percent_area_n"].notna().all() and table["secant_modulus_kpa"].notna().any()
+    # A toe does not reach 200 N.
+    assert table["area_at_200_n_mm2"].isna().any()
+    columns = package.fit_steps(walk_file).column_names
+    first, last = columns.index(fitting.QUANTITIES[0]), columns.index(fitting.QUANTITIES[-1])
+    assert tuple(columns[first : last + 1]) == fitting.QUANTITIES
+
+
+def test_a_fit_is_described_in_one_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    assert repr(package.fit(walk_file)) == (
+        "<Fit of walk: 6 steps of 1 recording, direct filter, 8 of 8 regions fitted>"
+    )
+    one = package.fit(walk(tmp_path / "one.parquet", "--steps", 1), participant="ann")
+    assert repr(one).startswith("<Fit of ann: 1 step of 1 recording, ") and repr(one).endswith(" with incomplete results>")
+
+
 def test_the_curves_of_a_fit_have_its_error(walk_file: pathlib.Path) -> None:
     fit = package.fit(walk_file)
-    steps = fit.curves.groupby(["region", "recording", "step"])
+    steps = fit.curves.groupby(["region", "recording", "step"], observed=True)
+    assert list(fit.curves["region"].cat.categories) == list(package.REGIONS)
     # NRMSE (Eq. 20): root mean square of model minus measured force, divided by the largest measured force.
     error_percent = steps.apply(
         lambda step: float(
@@ -98,6 +127,12 @@ def test_a_recording_that_is_given_twice_and_an_empty_list_are_errors(
         package.fit([])
 
 
+def by_text(repeatability: pd.DataFrame) -> pd.DataFrame:
+    """The table with the names of the regions as text, as in a file."""
+    names = repeatability.index.names
+    return repeatability.reset_index().astype({"region": str}).set_index(names)
+
+
 def test_repeatability_is_that_of_the_command_line(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
     # Only the recordings are copied: the function of the package does not read participant.toml.
     (study_folder.parent / "people").mkdir()
@@ -112,7 +147,10 @@ def test_repeatability_is_that_of_the_command_line(study_folder: pathlib.Path, t
     plantar("repeat", study_folder.parent / "people", "--csv", tmp_path / "repeat.csv")
     expected = pd.read_csv(tmp_path / "repeat.csv").set_index(["side", "variable", "region"])
     found = package.repeat(people)
-    pd.testing.assert_frame_equal(found, expected, check_dtype=False, rtol=1e-12)
+    pd.testing.assert_frame_equal(by_text(found), expected, check_dtype=False, rtol=1e-12)
+    # Regions are sorted from heel to toes.
+    regions = found.xs(("right", "secant_modulus_kpa"), level=("side", "variable")).sort_index().index
+    assert list(regions) == [region for region in package.REGIONS if region in set(regions)]
     with pytest.raises(ValueError, match="record another trial"):
         package.repeat(people["ann"][:1])
 
@@ -131,7 +169,7 @@ def test_repeatability_with_options_of_each_person_is_that_of_a_study(
     # The file participant.toml has this size.
     options = {name: package.Options(size=37 if name == "ann" else 42) for name in people}
     found = package.repeat(people, options=options)
-    pd.testing.assert_frame_equal(found, expected, check_dtype=False, rtol=1e-12)
+    pd.testing.assert_frame_equal(by_text(found), expected, check_dtype=False, rtol=1e-12)
     assert not found.equals(package.repeat(people))
     with pytest.raises(ValueError, match="options of ann, but recordings of ann, bob"):
         package.repeat(people, options={"ann": package.Options()})

@@ -18,7 +18,7 @@ import pandas as pd
 from plantar import _core
 from plantar.options import AssumedSize, Options
 from plantar.paths import Path, expanded
-from plantar.recording import Recording, notes_on_units, opened
+from plantar.recording import Recording, by_region, notes_on_units, opened
 
 if TYPE_CHECKING:
     import pyarrow
@@ -59,6 +59,24 @@ def _warn(notes: Iterable[str]) -> None:
         warnings.warn(note, stacklevel=3)
 
 
+QUANTITIES = (
+    "force_at_70_percent_area_n",
+    "area_at_25_percent_force_mm2",
+    "area_at_50_percent_force_mm2",
+    "area_at_75_percent_force_mm2",
+    "area_at_10_n_mm2",
+    "area_at_50_n_mm2",
+    "area_at_100_n_mm2",
+    "area_at_200_n_mm2",
+    "secant_stiffness_n_mm",
+    "tangent_stiffness_n_mm",
+    "secant_modulus_kpa",
+    "tangent_modulus_kpa",
+    "viscous_modulus_kpa_s",
+    "loading_energy_mj",
+    "dissipated_energy_mj",
+)
+"""The quantities that repeat, which docs/identification.md describes, as in the results of a fit and in the table of a cohort."""
 _SAME_SIZE = 1.25
 """Cells of two sensors differ in size if their mean areas differ by more than this factor, as in the command line."""
 
@@ -226,7 +244,7 @@ def repeat(
 
     ``people`` has the recordings of each person by the person's name. It can also be the recordings of one person; the
     column of the ICC is then empty. If people have different numbers of trials of a foot, the first trials of each, in the order
-    given, are compared. The table has one row for each foot, variable and region.
+    given, are compared. The table has one row for each foot, variable and region, an ordered category from heel to toes.
 
     ``options`` are the options of everyone, or the options of each person by the person's name. People can differ in ``size``,
     ``tissue`` and ``zero``, the values of ``participant.toml``.
@@ -269,6 +287,7 @@ def repeat(
     defects = [f"incomplete: {name}, {defect}" for name, trials in trials_of for trial in trials for defect in trial.defects]
     _warn([f"left out: {reason}" for reason in left_out] + defects)
     frame: pd.DataFrame = table.to_pandas()
+    frame["region"] = by_region(frame["region"])
     return frame.set_index(["side", "variable", "region"])
 
 
@@ -287,6 +306,18 @@ class Fit:
     def __init__(self, core: _core.Fitted) -> None:
         self._core = core
 
+    def __repr__(self) -> str:
+        regions = self.results["regions"].values()
+        fitted = sum(result["fitted"] for result in regions)
+        incomplete = sum(bool(result.get("defects")) for result in regions)
+        steps = _counted(len(self.results["steps"]), "step")
+        recordings = _counted(len(self.results["recordings"]), "recording")
+        defects = f", {incomplete} of them with incomplete results" if incomplete else ""
+        return (
+            f"<Fit of {self.results['participant']}: {steps} of {recordings}, {self.results['filter']} filter, "
+            f"{fitted} of {len(regions)} regions fitted{defects}>"
+        )
+
     @cached_property
     def results(self) -> dict[str, Any]:
         """All results, as in the JSON file of ``plantar fit`` without ``--report``."""
@@ -300,8 +331,12 @@ class Fit:
         ``stiffness_identifiable`` is false if the steps do not determine the parameter: its value is then the usual one of other
         people, or has no meaning. ``stiffness_at_bound`` is true if it is at a bound of the search. The other identified
         parameters have such columns, too, with the names ``ab``, ``damping``, ``n`` and ``m``. They are ``None`` without an
-        interval. ``results`` has the quantities that repeat (``quantities``) and both intervals of each parameter
-        (``uncertainty``).
+        interval. ``results`` has both intervals of each parameter (``uncertainty``).
+
+        The quantities that repeat, such as ``force_at_70_percent_area_n`` and ``secant_modulus_kpa``, have the names of the table
+        of a cohort (docs/cohort.md), and 95 % intervals, too. They are NaN if the region does not reach the force or strain of
+        the definition. A quantity with an interval that is wider than its value is not determined (``results`` has
+        ``is_determined``).
 
         ``defects`` has the defects because of which the result of a fitted region is incomplete, separated by `` | ``, and
         ``None`` if there is none. ``warnings`` has remarks on a result in the same form, for example that parameters compensate
@@ -325,6 +360,11 @@ class Fit:
                     flag = name.partition("_")[0]
                     row[f"{flag}_identifiable"] = interval.get("is_identifiable")
                     row[f"{flag}_at_bound"] = interval.get("at_bound")
+                for name in QUANTITIES:
+                    # A region that does not reach the force or strain of the definition does not have the quantity.
+                    quantity = result["quantities"].get(name, {})
+                    row[name] = quantity.get("value", float("nan"))
+                    row[f"{name}_low"], row[f"{name}_high"] = _widest(quantity.get("interval_95"))
                 row |= {f"nrmse_{name}_percent": value for name, value in result["nrmse_percent"].items()}
                 row["verdict"] = result["verdict"]
             rows.append(row)
@@ -332,8 +372,10 @@ class Fit:
 
     @cached_property
     def curves(self) -> pd.DataFrame:
-        """Area, measured force and model force of each fitted region in each step, from the start of the region's contact."""
+        """Area, mm2, measured force and model force, N, of each fitted region in each step, from the start of the region's contact.
+        ``region`` is an ordered category from heel to toes."""
         table: pd.DataFrame = self._core.curves().to_pandas()
+        table["region"] = by_region(table["region"])
         return table
 
     def write(self, path: Path) -> None:
