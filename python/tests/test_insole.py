@@ -35,6 +35,7 @@ def simulated(steps: int) -> Iterator[tuple[str, subprocess.Popen[str]]]:
 def test_each_step_is_acknowledged_once_the_next_event_is_requested() -> None:
     with simulated(3) as (address, process), plantar.Insole.connect(tcp=address) as insole:
         assert insole.hello["side"] in ("left", "right") and insole.hello["cells"] > 0
+        assert repr(insole) == f"<Insole at {address}: right foot, 200 cells at 100 Hz, firmware 0.1.0>"
         kinds = []
         for event in insole:
             kinds.append(event.kind)
@@ -199,6 +200,7 @@ def test_a_closed_connection_and_a_missing_parameter_file_are_errors(tmp_path: p
         with pytest.raises(FileNotFoundError, match=r"params\.toml"):
             insole.push(tmp_path / "params.toml")
         insole.close()
+        assert repr(insole) == f"<Insole at {address}: closed>"
         with pytest.raises(RuntimeError, match="the connection was closed"):
             insole.next_event()
 

@@ -252,6 +252,15 @@ def test_a_recorded_live_stream_is_refused_with_the_command_that_fits_it(tmp_pat
         package.replay(stream)
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_replay_is_described_in_one_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    replay = package.replay(walk_file, precision="f64")
+    assert repr(replay) == f"<Replay of {walk_file}: right foot, 6 steps, typical parameters of size 42, f64>"
+    params = tmp_path / "params.toml"
+    package.fit(walk_file).write(params)
+    assert repr(package.replay(walk_file, params=params)) == f"<Replay of {walk_file}: right foot, 6 steps, {params}, f32>"
+
+
 def test_cut_off_contacts_are_those_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     table = pq.read_table(walk_file)
     force_n = package.read(walk_file).force_n

@@ -38,8 +38,9 @@ class Insole:
     raises an exception, the record therefore arrives again in the next session.
     """
 
-    def __init__(self, core: _core.Insole) -> None:
+    def __init__(self, core: _core.Insole, address: str) -> None:
         self._core = core
+        self._address = address
         # Number of the delivered record that is acknowledged when the next event is requested.
         self._unacknowledged: int | None = None
         self._executor = ThreadPoolExecutor(1)
@@ -56,9 +57,19 @@ class Insole:
         if (tcp is None) == (serial is None):
             raise ValueError("give either tcp or serial")
         if tcp is not None:
-            return cls(_core.Insole.connect(tcp, None))
+            return cls(_core.Insole.connect(tcp, None), tcp)
         assert serial is not None
-        return cls(_core.Insole.connect(serial, baud))
+        return cls(_core.Insole.connect(serial, baud), serial)
+
+    def __repr__(self) -> str:
+        try:
+            hello = self.hello
+        except RuntimeError:
+            return f"<Insole at {self._address}: closed>"
+        return (
+            f"<Insole at {self._address}: {hello['side']} foot, {hello['cells']} cells at {hello['rate_hz']:g} Hz, "
+            f"firmware {hello['firmware']}>"
+        )
 
     @property
     def hello(self) -> dict[str, Any]:

@@ -28,13 +28,16 @@ the figure."""
 
 
 def foot(recording: Recording) -> Figure:
-    """The peak pressure of each cell over the recording, in foot coordinates, with the names of the regions."""
+    """The peak pressure of each cell over the recording, in foot coordinates, with the names of the regions. The squares have the
+    areas of the cells, but not their shapes. The colours begin at 0 kPa."""
     cells = recording.cells
     peak_kpa = recording.pressure_kpa.max(axis=0)
     side_mm = np.sqrt(cells["area_mm2"].to_numpy())
     places = zip(cells["x_mm"] - side_mm / 2, cells["y_mm"] - side_mm / 2, side_mm, strict=True)
     squares = PatchCollection([Rectangle((x_mm, y_mm), size_mm, size_mm) for x_mm, y_mm, size_mm in places], cmap="viridis")
     squares.set_array(peak_kpa)
+    # From 0, so that the colours of two figures differ only in the upper end of their scale.
+    squares.set_clim(0.0, max(float(peak_kpa.max()), 1.0))
     figure, axes = plt.subplots(figsize=(6.0, 7.0), layout="constrained")
     axes.add_collection(squares)
     edges_mm = (float(cells["x_mm"].min()) - side_mm.max(), float(cells["x_mm"].max()) + side_mm.max())
@@ -74,9 +77,9 @@ def step(replay: Replay, number: int | None = None) -> Figure:
     number = int(numbers[0]) if number is None else number
     if number not in numbers:
         # Steps, load bouts and alerts are numbered in one sequence, so a number between those of two steps can be missing.
-        is_between = numbers[0] < number < numbers[-1]
-        reason = "; the load bouts and alerts between them are no steps" if is_between else ""
-        raise ValueError(f"there is no step {number}: the steps are {numbers[0]} to {numbers[-1]}{reason}")
+        ranges = _ranges([int(each) for each in numbers])
+        reason = "; the load bouts and alerts between them are no steps" if len(ranges) > 1 else ""
+        raise ValueError(f"there is no step {number}: the steps are {', '.join(ranges)}{reason}")
     # Start and duration are the same in the rows of all regions of a step.
     row = replay.steps.xs(number, level="step").iloc[0]
     first = int(replay.recording.t_s.searchsorted(row["start_s"]))
@@ -90,6 +93,17 @@ def step(replay: Replay, number: int | None = None) -> Figure:
     axes.legend(fontsize=8)
     figure.suptitle(f"Step {number}, {replay.recording.side} foot: measured force, and model force of the live stream")
     return figure
+
+
+def _ranges(numbers: list[int]) -> list[str]:
+    """The numbers, which increase, as texts such as ``3`` and ``5 to 9``."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return [f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs]
 
 
 def fit(fitted: Fit) -> Figure:

@@ -290,7 +290,8 @@ class Recording:
         return Replay(self, params, precision, options)
 
     def plot(self) -> Figure:
-        """Draws the peak pressure of each cell over the whole recording."""
+        """Draws the peak pressure of each cell over the whole recording, with colours from 0 kPa on. The squares have the areas of
+        the cells and are around their centres, but do not have their shapes."""
         from plantar import plots
 
         return plots.foot(self)
@@ -335,6 +336,15 @@ class Replay:
         """One row for each region of each step, indexed by ``step`` and ``region``, an ordered category from heel to toes.
         docs/quantities.md describes the columns. ``start_s`` is on the time axis of the recording, as ``frames`` and
         ``fit_steps`` are, and not the time since the first scan. Without a step, the table has all columns and no row."""
+
+    def __repr__(self) -> str:
+        steps = len(self.steps.index.unique("step"))
+        options, params, precision = self._arguments
+        of = f"typical parameters of size {options.size}" if params is None else os.fspath(params)
+        return (
+            f"<Replay of {self.recording.path}: {self.recording.side} foot, {steps} step{'' if steps == 1 else 's'}, "
+            f"{of}, {precision}>"
+        )
 
     @cached_property
     def frames(self) -> pd.DataFrame:
