@@ -94,7 +94,8 @@ def test_a_fit_is_described_in_one_line(walk_file: pathlib.Path, tmp_path: pathl
         "<Fit of walk: 6 steps of 1 recording, direct filter, 8 of 8 regions fitted>"
     )
     one = package.fit(walk(tmp_path / "one.parquet", "--steps", 1), participant="ann")
-    assert repr(one).startswith("<Fit of ann: 1 step of 1 recording, ") and repr(one).endswith(" with incomplete results>")
+    assert repr(one).startswith("<Fit of ann: 1 step of 1 recording, ")
+    assert repr(one).endswith(" with incomplete results>")
 
 
 def test_the_curves_of_a_fit_have_its_error(walk_file: pathlib.Path) -> None:

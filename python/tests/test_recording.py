@@ -243,10 +243,10 @@ def test_a_recorded_live_stream_is_refused_with_the_command_that_fits_it(tmp_pat
     session, stream = tmp_path / "session", tmp_path / "walk.plantar"
     (session / "steps").mkdir(parents=True)
     stream.write_bytes(b"stream")
-    with pytest.raises(ValueError, match="session: a folder of `plantar record` .*: `plantar fit .*session` fits it; .*--cells"):
+    with pytest.raises(ValueError, match="session: a folder of `plantar record` .*: `plantar fit .*session` fits .*--cells"):
         package.fit(session)
     (session / "cells" / "000").mkdir(parents=True)
-    with pytest.raises(ValueError, match="fits it; Python reads the recordings of all cells, which are the folders in .*cells"):
+    with pytest.raises(ValueError, match="fits it; Python reads the recordings .* are the folders in .*cells"):
         package.read(session)
     with pytest.raises(ValueError, match="walk.plantar: a recorded live stream: `plantar fit .*walk.plantar` fits it"):
         package.replay(stream)
@@ -258,7 +258,8 @@ def test_a_replay_is_described_in_one_line(walk_file: pathlib.Path, tmp_path: pa
     assert repr(replay) == f"<Replay of {walk_file}: right foot, 6 steps, typical parameters of size 42, f64>"
     params = tmp_path / "params.toml"
     package.fit(walk_file).write(params)
-    assert repr(package.replay(walk_file, params=params)) == f"<Replay of {walk_file}: right foot, 6 steps, {params}, f32>"
+    replay = package.replay(walk_file, params=params)
+    assert repr(replay) == f"<Replay of {walk_file}: right foot, 6 steps, {params}, f32>"
 
 
 def test_cut_off_contacts_are_those_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:

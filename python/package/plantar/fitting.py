@@ -32,7 +32,7 @@ def _recordings(recordings: Recordings) -> list[Recording]:
     calls: the warnings are issued at the place of this call."""
     # A path as `bytes` is iterable, too, but not a list of recordings.
     is_single = isinstance(recordings, (Recording, str, bytes, os.PathLike))
-    several: Iterable[Recording | Path] = [recordings] if is_single else recordings  # type: ignore[list-item, assignment]
+    several: Any = [recordings] if is_single else recordings
     result = []
     for recording in several:
         if not isinstance(recording, Recording):
@@ -99,8 +99,8 @@ def _is_same_sensor(first: Recording, second: Recording) -> bool:
 
 
 def _notes_on_sensors(recordings: Sequence[Recording], values: str, verb: str) -> list[str]:
-    """A note if recordings are of different sensors, or have cells of different sizes. ``values`` are the values that the function
-    compares or fits, and ``verb`` is what it does."""
+    """A note if recordings are of different sensors, or have cells of different sizes. ``values`` are the values that the
+    function compares or fits, and ``verb`` is what it does."""
     other = next((recording for recording in recordings[1:] if not _is_same_sensor(recordings[0], recording)), None)
     if other is None:
         return []
@@ -158,7 +158,8 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     """Identifies the tissue parameters of one person from recordings of walking, like ``plantar fit``.
 
     Several trials and both feet may be given. ``participant`` is the name of the person; the default is the name of the first
-    file without its extension and, for both feet, without the name of the foot at its end. Raises a ``ValueError`` if a recording is given twice.
+    file without its extension and, for both feet, without the name of the foot at its end. Raises a ``ValueError`` if a
+    recording is given twice.
 
     If the result of a region is incomplete, for example because only one step could be used, a ``UserWarning`` for each defect
     names the region and the remedy. ``Fit.table`` has the defects, too, and the reasons of regions that were not fitted. If no
@@ -372,8 +373,8 @@ class Fit:
 
     @cached_property
     def curves(self) -> pd.DataFrame:
-        """Area, mm2, measured force and model force, N, of each fitted region in each step, from the start of the region's contact.
-        ``region`` is an ordered category from heel to toes."""
+        """Area, mm2, measured force and model force, N, of each fitted region in each step, from the start of the region's
+        contact. ``region`` is an ordered category from heel to toes."""
         table: pd.DataFrame = self._core.curves().to_pandas()
         table["region"] = by_region(table["region"])
         return table

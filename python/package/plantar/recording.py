@@ -284,8 +284,8 @@ class Recording:
         ``params`` is a parameter file. Without one, typical parameters of ``options.size`` are used, and a warning states that
         they are not personal. Warnings also name regions to which typical parameters do not apply, contacts that the beginning
         or the end of the recording cuts off, sensor faults and masked cells, or state that there is no step. ``precision`` is
-        ``f32``, that of the insole, or ``f64``. Raises a ``ValueError`` if an option that has no effect on a replay, such as ``filter``, differs from its
-        default.
+        ``f32``, that of the insole, or ``f64``. Raises a ``ValueError`` if an option that has no effect on a replay, such as
+        ``filter``, differs from its default.
         """
         return Replay(self, params, precision, options)
 
