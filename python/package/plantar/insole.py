@@ -88,8 +88,8 @@ class Insole:
             warnings.warn(note, stacklevel=2)
 
     def next_event(self) -> Event | None:
-        """The next event, or ``None`` if none arrived within about 50 ms, also while a lost link is opened again. A call can return
-        ``None`` although the insole sends: not every message is an event."""
+        """The next event, or ``None`` if none arrived within about 50 ms, also while a lost link is opened again. A call can
+        return ``None`` although the insole sends: not every message is an event."""
         call, self._call = self._call, None
         return self._receive() if call is None or call.cancelled() else call.result()
 
@@ -107,8 +107,8 @@ class Insole:
 
     def events(self, timeout_s: float | None = None) -> Iterator[Event]:
         """The events, as in a loop over the insole. The iteration ends if no event arrives for ``timeout_s``, s, for example
-        because the insole was switched off; without a time-out, it waits for the insole. The insole deletes the last record before
-        the iteration waits for the next event."""
+        because the insole was switched off; without a time-out, it waits for the insole. The insole deletes the last record
+        before the iteration waits for the next event."""
         last_s = time.monotonic()
         while True:
             event = self.next_event()

@@ -290,8 +290,8 @@ class Recording:
         return Replay(self, params, precision, options)
 
     def plot(self) -> Figure:
-        """Draws the peak pressure of each cell over the whole recording, with colours from 0 kPa on. The squares have the areas of
-        the cells and are around their centres, but do not have their shapes."""
+        """Draws the peak pressure of each cell over the whole recording, with colours from 0 kPa on. The squares have the areas
+        of the cells and are around their centres, but do not have their shapes."""
         from plantar import plots
 
         return plots.foot(self)
@@ -361,8 +361,8 @@ class Replay:
     def normalised(
         self, quantity: str, points: int = 101, *, region: str | None = None
     ) -> npt.NDArray[np.float64]:
-        """A column of ``frames`` over the stance of each step, by linear interpolation. 0 % of stance is the frame of heel strike,
-        and 100 % is the last frame before that of toe off, as in the columns ``gait_x_10_mm`` and so on of ``steps``.
+        """A column of ``frames`` over the stance of each step, by linear interpolation. 0 % of stance is the frame of heel
+        strike, and 100 % is the last frame before that of toe off, as in the columns ``gait_x_10_mm`` and so on of ``steps``.
 
         The result has one row for each step, in the order of ``steps``, and ``points`` columns: the form that spm1d expects. With
         a region, ``quantity`` is the name without the prefix, such as ``area_mm2``. The unit is that of the column.
