@@ -147,8 +147,8 @@ fn sex<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Sex>, D::Error> {
 
 fn file<'de, D: Deserializer<'de>>(from: D) -> Result<Option<PathBuf>, D::Error> {
     let value = Value::deserialize(from)?;
-    // The path is printed in messages. A study folder from elsewhere must not lead to a device or to another computer: on Windows,
-    // a path such as `\\server\file` would send this user's credentials there.
+    // The path is printed in messages. A study folder from elsewhere must not lead to a device or to another computer: on
+    // Windows, a path such as `\\server\file` would send this user's credentials there.
     let path = value.as_str().filter(|path| !path.contains(char::is_control)).map(PathBuf::from);
     let is_relative =
         |path: &PathBuf| !path.has_root() && !matches!(path.components().next(), Some(Component::Prefix(_)));

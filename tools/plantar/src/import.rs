@@ -154,8 +154,8 @@ pub struct Part {
     /// Import only the frames from this time of the export on, s.
     #[arg(long, value_name = "S")]
     from: Option<f64>,
-    /// Import only the frames up to this time of the export, s. With a gap in the export, only its longest part is imported: --from
-    /// and --to select another part, of both feet alike.
+    /// Import only the frames up to this time of the export, s. With a gap in the export, only its longest part is imported:
+    /// --from and --to select another part, of both feet alike.
     #[arg(long, value_name = "S")]
     to: Option<f64>,
 }
@@ -370,8 +370,8 @@ fn check_no_folder(file: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The parameters of the computed walk of a foot. The steps of the left foot begin half a stride after those of the right one, and
-/// their peak forces vary by another seed, so that the recordings of both feet together are those of a walk.
+/// The parameters of the computed walk of a foot. The steps of the left foot begin half a stride after those of the right one,
+/// and their peak forces vary by another seed, so that the recordings of both feet together are those of a walk.
 fn synthetic_walk(side: Side, steps: usize) -> SyntheticWalk {
     let right = SyntheticWalk { side, steps, ..SyntheticWalk::default() };
     match side {

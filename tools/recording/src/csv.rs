@@ -30,8 +30,8 @@ const ROWS_PER_REPORT: usize = 1000;
 
 /// Imports one foot, of the frames within `span`. With `rate_hz`, they are resampled to this rate ([`Recording::at_rate`]), so
 /// that the intervals between their times may differ; [`Recording::source`] states how many are longer than usual, and how many
-/// negative pressures of the file were read as 0. `progress` receives the number of bytes that have been read from the file of frames, and the size of that
-/// file.
+/// negative pressures of the file were read as 0. `progress` receives the number of bytes that have been read from the file of
+/// frames, and the size of that file.
 ///
 /// # Errors
 /// Fails if a file cannot be read, violates the format or contains impossible values. The message names the file and, if one

@@ -63,8 +63,8 @@ pub fn import(
     Ok(import_feet(asc_path, geometry_path, &[side], Span::default(), progress)?.feet.remove(0))
 }
 
-/// As [`import`], for each of these feet, of the frames within `span`. [`Export::remarks`] states if the export may be cut off, if it is not known that the
-/// geometry is that of the measured insole size, and how many negative pressures were read as 0.
+/// As [`import`], for each of these feet, of the frames within `span`. [`Export::remarks`] states if the export may be cut off,
+/// if it is not known that the geometry is that of the measured insole size, and how many negative pressures were read as 0.
 ///
 /// # Errors
 /// Fails in the same cases as [`import`].

@@ -16,8 +16,8 @@ pub(crate) fn is_allowed(origins: &[&str], host: Option<&str>, others: &[String]
     origin_host.is_some() && origin_host == host && host.is_some_and(is_address)
 }
 
-/// The one address of the page for the browsers of this computer, if the server listens at `address`; `None` if it does not listen
-/// for them alone or for all.
+/// The one address of the page for the browsers of this computer, if the server listens at `address`; `None` if it does not
+/// listen for them alone or for all.
 pub fn canonical_address(address: SocketAddr) -> Option<SocketAddr> {
     match address.ip() {
         ip if ip.is_unspecified() => Some(SocketAddr::new(Ipv4Addr::LOCALHOST.into(), address.port())),

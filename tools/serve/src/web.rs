@@ -98,8 +98,8 @@ fn router(hub: Arc<Hub>, options: &Options, canonical: Option<SocketAddr>) -> Ro
         .layer(header(X_FRAME_OPTIONS, "DENY"))
 }
 
-/// Redirects a browser that uses another name of this computer to the canonical address. Otherwise, its store of the page would be
-/// another one, and steps that this page acknowledges would be missing in the wearer's.
+/// Redirects a browser that uses another name of this computer to the canonical address. Otherwise, its store of the page would
+/// be another one, and steps that this page acknowledges would be missing in the wearer's.
 async fn to_canonical(State(canonical): State<Option<SocketAddr>>, request: Request, next: Next) -> Response {
     let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
     match canonical.filter(|canonical| host.is_some_and(|host| is_other_name(host, *canonical))) {
