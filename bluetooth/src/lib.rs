@@ -289,6 +289,8 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             GattConnectionEvent::PairingComplete { bond: Some(bond), .. }
             | GattConnectionEvent::Encrypted { bond: Some(bond), .. } => {
                 bonds::remember(stack, bond, insole);
+                // Values have waited for the encryption.
+                insole.changed().signal(());
                 continue;
             }
             GattConnectionEvent::Gatt { event } => event,

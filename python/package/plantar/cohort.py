@@ -227,6 +227,9 @@ def _evaluate(
             # In an object storage, `..` is part of a name.
             protocol, mark, rest = path.rpartition("://")
             path = protocol + mark + posixpath.normpath(rest)
+        elif os.path.exists(path) and not os.path.isfile(path):
+            # From a device or a pipe, a program would read without end.
+            raise OSError(f"{path} is not a file of zeros or of measurements of the tissue")
         opened.add(path)
         return bytes(files.cat_file(path))
 
@@ -323,7 +326,7 @@ def _client(scheduler: str) -> distributed.Client:
     except (OSError, ValueError, TimeoutError) as error:
         raise ConnectionError(
             f"the scheduler {scheduler} cannot be reached: start it with `dask scheduler`, and check the address, which "
-            f"has the form tcp://HOST:8786 ({error})"
+            f"has the form tls://HOST:8786 or, on a network that others cannot reach, tcp://HOST:8786 ({error})"
         ) from error
 
 

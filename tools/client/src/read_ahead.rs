@@ -8,9 +8,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
 
-/// Largest number of chunks that wait for the caller: those of more than a minute at the highest rate of an insole, and at most
-/// 64 MiB. After that, the thread waits, and the operating system discards bytes of a serial port.
-const MOST_CHUNKS: usize = 16_384;
+/// Largest number of chunks that wait for the caller: those of more than a minute at the highest rate of a link, also if a read
+/// returns only 64 bytes, and at most 256 MiB. After that, the thread waits, and the operating system discards bytes of a serial
+/// port.
+const MOST_CHUNKS: usize = 65_536;
 /// Size of a chunk, bytes.
 const CHUNK_BYTES: usize = 4096;
 
@@ -137,7 +138,7 @@ mod tests {
         impl Read for Endless {
             fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
                 self.0.fetch_add(1, Ordering::Relaxed);
-                Ok(buffer.len())
+                Ok(buffer.len().min(1))
             }
         }
         let reads = Arc::new(AtomicUsize::new(0));

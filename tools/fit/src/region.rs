@@ -197,7 +197,7 @@ fn resample(curves: &[&RegionCurves], fit_to_all: &SearchResult, options: &Optio
             None => {
                 let drawn = curves.iter().zip(times).filter(|(_, times)| *times > 0);
                 let samples = Samples::repeated(drawn.map(|(curves, times)| (*curves, times)), options.filter);
-                refit_samples(&samples, fit_to_all, identified, fit_to_all.noise.variance, options)
+                refit_samples(&samples, fit_to_all, identified, options)
             }
         };
         Resample { reference: Peaks::median(drawn.map(|i| peaks[i])), law }
@@ -326,27 +326,27 @@ pub(crate) fn refit<'c>(
 ) -> ForceLaw<f64> {
     let Some(identified) = &fit_to_all.identified else { return search(curves, region, options).law };
     let samples = Samples::new(curves, options.filter);
+    let start = identified.rebased(fit_to_all.samples.area_max_m2, samples.area_max_m2);
+    let unconstrained = refine(&samples, &options.bounds, &start);
     // The noise determines the weight of the prior. It is that of these steps alone: with that of all steps, the force law would
     // depend on the steps that it is to predict.
-    let start = identified.rebased(fit_to_all.samples.area_max_m2, samples.area_max_m2);
-    let variance = match &fit_to_all.prior {
-        Some(_) => interval::noise(&samples, &refine(&samples, &options.bounds, &start)).variance,
-        None => fit_to_all.noise.variance,
+    let found = match &fit_to_all.prior {
+        Some(prior) => prior.refine(&samples, &start, interval::noise(&samples, &unconstrained).variance),
+        None => unconstrained,
     };
-    refit_samples(&samples, fit_to_all, identified, variance, options)
+    found.law(samples.area_max_m2, ANY_C_M)
 }
 
-/// The force law fitted to these samples. `identified` are the parameters of `fit_to_all`, and `variance` is that of the noise.
+/// The force law fitted to these samples, with the noise of `fit_to_all`. `identified` are the parameters of `fit_to_all`.
 fn refit_samples(
     samples: &Samples,
     fit_to_all: &SearchResult,
     identified: &Identified,
-    variance: f64,
     options: &Options,
 ) -> ForceLaw<f64> {
     let start = identified.rebased(fit_to_all.samples.area_max_m2, samples.area_max_m2);
     let found = match &fit_to_all.prior {
-        Some(prior) => prior.refine(samples, &start, variance),
+        Some(prior) => prior.refine(samples, &start, fit_to_all.noise.variance),
         None => refine(samples, &options.bounds, &start),
     };
     found.law(samples.area_max_m2, ANY_C_M)

@@ -61,7 +61,7 @@ pub struct Options {
     insole: InsoleArgs,
 }
 
-fn time(text: &str) -> Result<f64, String> {
+pub fn time(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|t_s: &f64| t_s.is_finite()).ok_or_else(|| "give a time in seconds".into())
 }
 

@@ -1,5 +1,6 @@
 //! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
+use crate::export::time;
 use crate::gait::note_different_origins;
 use crate::paths::check_written;
 use crate::replay::progress;
@@ -151,22 +152,17 @@ pub struct Vendor {
 /// The options that select a part of a measurement.
 #[derive(Args)]
 pub struct Part {
-    /// Import only the frames from this time of the export on, s.
-    #[arg(long, value_name = "S")]
+    /// Import only the frames from this time on, s, on the clock of the recording that an import of all frames writes.
+    #[arg(long, value_name = "S", value_parser = time, allow_negative_numbers = true)]
     from: Option<f64>,
-    /// Import only the frames up to this time of the export, s. With a gap in the export, only its longest part is imported:
+    /// Import only the frames up to this time, s, on the same clock. With a gap in the export, only its longest part is imported:
     /// --from and --to select another part, of both feet alike.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = time, allow_negative_numbers = true)]
     to: Option<f64>,
 }
 
 impl Part {
     fn span(&self) -> Result<Span> {
-        for (option, time_s) in [("from", self.from), ("to", self.to)] {
-            if let Some(time_s) = time_s.filter(|time_s| !time_s.is_finite()) {
-                bail!("--{option} {time_s}: expected a time in s");
-            }
-        }
         if let (Some(from_s), Some(to_s)) = (self.from, self.to) {
             ensure!(from_s < to_s, "--from {from_s} --to {to_s}: the part must end after it begins");
         }

@@ -234,7 +234,8 @@ fn the_options_from_and_to_select_a_part_of_any_export() {
     }
     for (options, words) in [
         ("--from 2 --to 1", &["--from 2 --to 1", "end after it begins"][..]),
-        ("--from nan", &["--from NaN", "a time in s"]),
+        ("--from nan", &["--from", "a time in seconds"]),
+        ("--to -0.5", &["walkL.asf: no frame up to -0.5 s; the frames are from 0", "--from and --to"]),
         ("--from 1e6", &["walkL.asf: no frame from 1e6 s", "--from and --to"]),
     ] {
         let (is_ok, _, text) = plantar(&folder, &format!("import auto walkL.asf {options} --out none.parquet"));

@@ -48,7 +48,7 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
 
 /// Sentences about the frames that are left out if only this part of the frames remains.
 fn left_out(t_s: &[f64], part: &Range<usize>, period_s: f64) -> String {
-    /// Parts with fewer frames are not listed, because no step fits into them.
+    /// Shorter parts are not listed.
     const LEAST_LISTED_S: f64 = 1.0;
     /// The largest number of parts that are listed.
     const MOST_LISTED: usize = 6;
@@ -61,12 +61,12 @@ fn left_out(t_s: &[f64], part: &Range<usize>, period_s: f64) -> String {
     let others = match count {
         0 => String::new(),
         _ => format!(
-            " With --from and --to, {} can be imported: {}{} s.",
+            " With --from and --to, {} can be imported: {} s{}.",
             if count == 1 { "the other part" } else { "one of the other parts" },
             listed.join(", "),
             match count.saturating_sub(MOST_LISTED) {
                 0 => String::new(),
-                more => format!(", and {more} more,"),
+                more => format!(", and {more} more"),
             }
         ),
     };

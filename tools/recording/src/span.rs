@@ -5,7 +5,8 @@ use crate::{Error, Result};
 use std::ops::Range;
 use std::path::Path;
 
-/// The first and the last time of the frames to import, s, on the clock of the export. The default is the whole measurement.
+/// The first and the last time of the frames to import, s, on the clock of the recording that an import of all frames results
+/// in. The default is the whole measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
     /// Earlier frames are left out.

@@ -113,7 +113,7 @@ pub fn significant(value: f64) -> String {
 
 /// A time for a message, s, rounded to 0.1 ms; very short and very long ones in scientific notation.
 pub fn seconds(value_s: f64) -> String {
-    match value_s == 0.0 || (1e-3..1e6).contains(&value_s) {
+    match value_s == 0.0 || (1e-3..1e6).contains(&value_s.abs()) {
         true => ((value_s * 1e4).round() / 1e4).to_string(),
         false => format!("{value_s:e}"),
     }

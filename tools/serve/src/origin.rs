@@ -1,6 +1,6 @@
 //! Decides which web pages may connect, because a browser lets a page of any origin try to connect.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 
 /// True if a page from `origin` may connect to this server; `host` is the Host header of its request.
 ///
@@ -20,7 +20,9 @@ pub(crate) fn is_allowed(origins: &[&str], host: Option<&str>, others: &[String]
 /// listen for them alone or for all.
 pub fn canonical_address(address: SocketAddr) -> Option<SocketAddr> {
     match address.ip() {
-        ip if ip.is_unspecified() => Some(SocketAddr::new(Ipv4Addr::LOCALHOST.into(), address.port())),
+        // Where a socket of IPv6 does not also accept connections of IPv4, only the address of IPv6 leads to it.
+        IpAddr::V4(ip) if ip.is_unspecified() => Some(SocketAddr::new(Ipv4Addr::LOCALHOST.into(), address.port())),
+        IpAddr::V6(ip) if ip.is_unspecified() => Some(SocketAddr::new(Ipv6Addr::LOCALHOST.into(), address.port())),
         ip => ip.is_loopback().then_some(address),
     }
 }
@@ -49,7 +51,7 @@ mod tests {
     #[test]
     fn this_computer_has_one_address() {
         let address = |text: &str| text.parse::<SocketAddr>().expect("an address");
-        for listening in ["127.0.0.1:7340", "0.0.0.0:7340", "[::]:7340"] {
+        for listening in ["127.0.0.1:7340", "0.0.0.0:7340"] {
             let canonical = canonical_address(address(listening)).expect("a server of this computer");
             assert_eq!(canonical, address("127.0.0.1:7340"));
             assert!(is_other_name("localhost:7340", canonical) && is_other_name("[::1]:7340", canonical));
@@ -63,8 +65,11 @@ mod tests {
                 assert!(!is_other_name(host, canonical), "{host}");
             }
         }
-        let canonical_v6 = canonical_address(address("[::1]:7340")).expect("a server of this computer");
-        assert!(is_other_name("localhost:7340", canonical_v6) && !is_other_name("[::1]:7340", canonical_v6));
+        for listening in ["[::1]:7340", "[::]:7340"] {
+            let canonical = canonical_address(address(listening)).expect("a server of this computer");
+            assert_eq!(canonical, address("[::1]:7340"));
+            assert!(is_other_name("localhost:7340", canonical) && !is_other_name("[::1]:7340", canonical));
+        }
         assert_eq!(canonical_address(address("192.168.1.20:7340")), None);
     }
 

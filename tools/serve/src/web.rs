@@ -32,6 +32,7 @@ const BACKLOG: u32 = 64;
 struct Served {
     hub: Arc<Hub>,
     origins: Arc<[String]>,
+    canonical: Option<SocketAddr>,
 }
 
 /// A server that listens.
@@ -82,13 +83,15 @@ fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
 
 /// `canonical` is the address of this server for the browsers of this computer; see [`origin::canonical_address`].
 fn router(hub: Arc<Hub>, options: &Options, canonical: Option<SocketAddr>) -> Router {
+    // With other origins, the requests may come from a proxy of such an origin, which names this computer for browsers elsewhere.
+    let canonical = canonical.filter(|_| options.origins.is_empty());
     let page = Router::new()
         .fallback_service(ServeDir::new(&options.page))
         .layer(middleware::from_fn_with_state(canonical, to_canonical));
     let header = |name: HeaderName, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     Router::new()
         .route("/insoles", any(insoles))
-        .with_state(Served { hub, origins: options.origins.clone().into() })
+        .with_state(Served { hub, origins: options.origins.clone().into(), canonical })
         .fallback_service(page)
         // Makes the browser check for a newer build at each visit.
         .layer(header(CACHE_CONTROL, "no-cache"))
@@ -111,7 +114,10 @@ async fn to_canonical(State(canonical): State<Option<SocketAddr>>, request: Requ
 async fn insoles(State(served): State<Served>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
     let texts = |name: HeaderName| headers.get_all(name).iter().map(|value| value.to_str().unwrap_or_default());
     let origins: Vec<&str> = texts(ORIGIN).collect();
-    if !is_allowed(&origins, texts(HOST).next(), &served.origins) {
+    let host = texts(HOST).next();
+    // A page that the browser has cached under another name was not redirected.
+    let has_other_name = served.canonical.zip(host).is_some_and(|(canonical, host)| is_other_name(host, canonical));
+    if !is_allowed(&origins, host, &served.origins) || (has_other_name && !origins.is_empty()) {
         return (StatusCode::FORBIDDEN, "pages from other origins may not connect").into_response();
     }
     let page = served.hub.join();

@@ -1,5 +1,6 @@
-//! Lets only one program of a user use an insole at a time. Programs of other users are not excluded. If the lock file cannot be
-//! created or locked, no program is excluded.
+//! Lets only one program of a session of a user use an insole at a time. Programs of other users are not excluded, nor are those
+//! that the system starts without a session, such as by cron. If the lock file cannot be created or locked, no program is
+//! excluded.
 //!
 //! The system's Bluetooth service shares a connection between all programs: a second program would receive the insole's messages
 //! to the first one, and would end the connection of both when it disconnects.

@@ -29,6 +29,8 @@ const STEP_COLUMNS: [&str; 11] = [
     "contact_off_kpa",
     "contact_full_kpa",
 ];
+/// The name of the column `boots_since` in tables of earlier versions of this program.
+const FORMER_BOOTS_SINCE: &str = "starts_ago";
 /// The column that states whether the start of the step is exact enough to compare the feet. Tables of earlier versions of this
 /// program do not have it, so it is read only from the tables that have it.
 const IS_COMPARABLE: &str = "is_start_comparable";
@@ -186,7 +188,7 @@ fn step_of(row: &Row, number: u32) -> Result<Step> {
             full_kpa: kpa("contact_full_kpa")?,
         },
         regions: [StepRegion::default(); 8],
-        boots_since: row.integer("boots_since")? as u32,
+        boots_since: row.integer("boots_since").or_else(|_| row.integer(FORMER_BOOTS_SINCE))? as u32,
         start_unix_us: None,
         refit: 0,
         foot: StepFoot::default(),
@@ -218,12 +220,13 @@ fn for_each_row(
 ) -> Result<()> {
     let mut rows_left = max_rows;
     for file in files(folder).with_context(|| format!("cannot read {}", folder.display()))? {
-        let is_needed = |name: &str| columns.contains(&name) || name == IS_COMPARABLE;
+        let is_needed = |name: &str| columns.contains(&name) || [IS_COMPARABLE, FORMER_BOOTS_SINCE].contains(&name);
         let rows = Rows::open(&file, is_needed, rows_left, REMEDY)?;
         rows_left -= rows.row_count();
         let not_a_table = || format!("{}: not a table of plantar record; {REMEDY}", file.display());
         for column in columns {
-            ensure!(rows.has_column(column), "{}: it has no column {column}", not_a_table());
+            let has_former = *column == "boots_since" && rows.has_column(FORMER_BOOTS_SINCE);
+            ensure!(rows.has_column(column) || has_former, "{}: it has no column {column}", not_a_table());
         }
         for row in rows {
             act(&Row(row?)).with_context(not_a_table)?;
