@@ -100,8 +100,10 @@ def test_options_are_those_of_the_command_line(study_folder: pathlib.Path, tmp_p
 @pytest.mark.parametrize("local", ["threads", "processes"])
 def test_other_programs_cannot_use_the_cluster_of_a_local_run(local: str) -> None:
     client = cohort._client(local)
+    cluster = client.cluster
+    assert cluster is not None
     try:
-        address = client.cluster.scheduler_address
+        address = cluster.scheduler_address
         port = client.scheduler_info()["services"]["dashboard"]
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(f"http://127.0.0.1:{port}/json/identity.json")
@@ -115,7 +117,6 @@ def test_other_programs_cannot_use_the_cluster_of_a_local_run(local: str) -> Non
         with pytest.raises(OSError):
             distributed.Client(address, timeout="2s", security=distributed.Security.temporary())
     finally:
-        cluster = client.cluster
         client.close()
         cluster.close()
 
