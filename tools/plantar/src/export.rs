@@ -2,7 +2,7 @@
 
 use crate::gait::note_different_origins;
 use crate::paths::{check_folders, check_written};
-use crate::setup::{InsoleArgs, note_unless_personal, note_unless_same_foot};
+use crate::setup::{InsoleArgs, note_unless_personal, note_unless_same_foot, time};
 use crate::summary::counted;
 use anyhow::{Result, ensure};
 use clap::{Args, Subcommand};
@@ -59,10 +59,6 @@ pub struct Options {
     to: Option<f64>,
     #[command(flatten)]
     insole: InsoleArgs,
-}
-
-pub fn time(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|t_s: &f64| t_s.is_finite()).ok_or_else(|| "give a time in seconds".into())
 }
 
 impl Export {

@@ -1,9 +1,9 @@
 //! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
-use crate::export::time;
 use crate::gait::note_different_origins;
 use crate::paths::check_written;
 use crate::replay::progress;
+use crate::setup::time;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand, ValueEnum};
 use plantar::Side;

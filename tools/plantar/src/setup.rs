@@ -282,6 +282,11 @@ impl ZeroArgs {
     }
 }
 
+/// Reads the time of an option, s. It can be negative.
+pub fn time(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|t_s: &f64| t_s.is_finite()).ok_or_else(|| "give a time in seconds".into())
+}
+
 #[cfg(test)]
 mod tests {
     use super::{ContactArgs, ContactRule};
