@@ -24,7 +24,7 @@ mod _core {
     #[pymodule_export]
     use super::person::{Person, Trial, repeatability, steps_path};
     #[pymodule_export]
-    use super::recordings::Recording;
+    use super::recordings::{Recording, note_unless_same_sensor};
     #[pymodule_export]
     use super::replay::replay;
     #[pymodule_export]

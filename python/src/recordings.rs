@@ -19,6 +19,14 @@ pub struct Recording {
     pub path: PathBuf,
 }
 
+/// See [`recording::note_unless_same_sensor`].
+#[pyfunction]
+pub fn note_unless_same_sensor(recordings: Vec<PyRef<Recording>>, values: &str, verb: &str) -> Option<String> {
+    let named = recordings.iter().map(|recording| (recording.path.display().to_string(), &recording.inner.layout));
+    let named: Vec<_> = named.collect();
+    recording::note_unless_same_sensor(named.iter().map(|(path, layout)| (path.as_str(), *layout)), values, verb)
+}
+
 /// The owner of an Arrow buffer. It holds the recording in memory as long as an array uses the buffer. The function returns the
 /// bytes of the buffer: those of the times or of the pressures.
 struct Shared(Arc<recording::Recording>, fn(&recording::Recording) -> &[u8]);

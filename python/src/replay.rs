@@ -8,7 +8,7 @@ use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
 use fit::contacts::Contacts;
 use fit::steps::ExclusionReason;
-use parameters::{Identified, Parameters};
+use parameters::{Identified, InsoleSize, Parameters};
 use plantar::faults::Faults;
 use plantar::insole::Insole;
 use plantar::pipeline::tissue::Tissue;
@@ -86,7 +86,10 @@ pub fn replay(
         };
         let Replayed { steps, notes: of_recording, frames } =
             replayed().with_context(|| format!("{path}: the recording cannot be evaluated")).map_err(exception)?;
-        notes.extend(of_recording.iter().map(|note| format!("{path}: {note}")));
+        // Parameters of a file state no size.
+        let size = if params.is_none() { options.size()? } else { InsoleSize::default() };
+        let of_parameters = parameters.inapplicable_note(size, &steps);
+        notes.extend(of_recording.iter().chain(&of_parameters).map(|note| format!("{path}: {note}")));
         let rows: Vec<_> = steps.iter().flat_map(|step| (0..Region::ALL.len()).map(|i| step_row(step, i))).collect();
         let steps = PyArrowType(table(&step_columns(), &rows)?);
         let frames = if with_frames { Some(PyArrowType(numbers(&frames::column_names(), frames)?)) } else { None };

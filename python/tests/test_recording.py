@@ -20,7 +20,6 @@ import pytest
 from conftest import plantar, walk
 
 import plantar as package
-from plantar import recording as recordings
 
 
 def test_a_recording_has_the_values_of_its_file(walk_file: pathlib.Path) -> None:
@@ -347,15 +346,6 @@ def test_typical_parameters_are_reported_and_personal_ones_are_not(
     (tmp_path / "partly.toml").write_text(text.replace('"toe_2", ', ""))
     package.replay(walk_file, params=tmp_path / "partly.toml")
     assert "parameters of toe_2 are typical values" in str(recwarn.list.pop(0).message)
-
-
-def test_the_typical_ranges_are_those_of_the_command_line() -> None:
-    source = pathlib.Path(__file__).parents[2] / "tools" / "parameters" / "src" / "defaults.rs"
-    text = source.read_text(encoding="utf-8")
-    rows = re.findall(r"^    typical\((.*)\),$", text, re.MULTILINE)
-    ranges = [tuple(map(tuple, json.loads(f"[{row}]")[-2:])) for row in rows]
-    assert ranges == [recordings._TYPICAL_RANGES[region] for region in package.REGIONS]
-    assert f"const MARGIN: f64 = {recordings._TYPICAL_MARGIN};" in text
 
 
 @pytest.mark.parametrize(("scale", "size"), [(1.0, 42), (0.5, 42), (2.0, 42), (1.0, 52), (1.0, 20)])

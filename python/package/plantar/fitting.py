@@ -77,43 +77,13 @@ QUANTITIES = (
     "dissipated_energy_mj",
 )
 """The quantities that repeat, which docs/identification.md describes, as in the results of a fit and in the table of a cohort."""
-_SAME_SIZE = 1.25
-"""Cells of two sensors differ in size if their mean areas differ by more than this factor, as in the command line."""
-
-
-def _is_same_sensor(first: Recording, second: Recording) -> bool:
-    """True if the cells are of about the same size and, as far as the names of the layouts are known, these names, each up to its
-    first comma, differ at most in the words or letters for left and right. This is the rule of the command line."""
-
-    def named(name: str) -> str:
-        return name.split(",")[0].split(". ")[0].rstrip(".").lower().replace("left", "l").replace("right", "r")
-
-    ratio = first._areas_mm2.mean() / second._areas_mm2.mean()
-    if not 1 / _SAME_SIZE <= ratio <= _SAME_SIZE:
-        return False
-    names = (first._layout_name, second._layout_name)
-    if names[0] is None or names[1] is None:
-        return True
-    one, other = map(named, (names[0], names[1]))
-    return len(one) == len(other) and all(a == b or {a, b} == {"l", "r"} for a, b in zip(one, other, strict=True))
 
 
 def _notes_on_sensors(recordings: Sequence[Recording], values: str, verb: str) -> list[str]:
     """A note if recordings are of different sensors, or have cells of different sizes. ``values`` are the values that the
     function compares or fits, and ``verb`` is what it does."""
-    other = next((recording for recording in recordings[1:] if not _is_same_sensor(recordings[0], recording)), None)
-    if other is None:
-        return []
-    first, second = (
-        f"{recording._layout_name or 'unknown layout'}, {recording._areas_mm2.mean():.0f} mm2 per cell, "
-        f"in {recording.path}"
-        for recording in (recordings[0], other)
-    )
-    return [
-        f"the recordings are of different sensors, or have cells of different sizes ({first}; {second}): areas and forces "
-        "depend on the sensor and the size of its cells, so that these differences count as differences between the "
-        f"{values}: import the recordings with the same --cells, or {verb} those of each sensor separately"
-    ]
+    note = _core.note_unless_same_sensor([recording._core for recording in recordings], values, verb)
+    return [] if note is None else [note]
 
 
 def _notes_on_fit(results: dict[str, Any], options: Options) -> list[str]:

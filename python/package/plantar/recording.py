@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import pathlib
@@ -129,55 +128,6 @@ def replay(
     return Replay(recording, params, precision, options)
 
 
-_TYPICAL_RANGES = {
-    "heel": ((2033.0, 3418.0), (204.0, 626.0)),
-    "posterior_midfoot": ((25.0, 1356.0), (79.0, 147.0)),
-    "anterior_midfoot": ((21.0, 1318.0), (76.0, 147.0)),
-    "metatarsals_12": ((850.0, 2178.0), (162.0, 311.0)),
-    "metatarsals_35": ((1092.0, 3155.0), (122.0, 253.0)),
-    "hallux": ((430.0, 1242.0), (141.0, 541.0)),
-    "toe_2": ((23.0, 346.0), (86.0, 287.0)),
-    "toes_35": ((22.0, 548.0), (83.0, 209.0)),
-}
-"""The ranges of 98 % of the steps from which the typical parameters of size 42 were determined: largest area, mm2, and peak force
-divided by it, kPa. They are those in tools/parameters/src/defaults.rs; a test compares them."""
-_TYPICAL_MARGIN = 1.3
-"""Factor by which a range is extended at both ends: feet of one size differ."""
-
-
-def _typical_regions(notes: list[str]) -> list[str]:
-    """The regions with typical parameters, as the notes of the compiled part name them: it does not return them otherwise."""
-    for note in notes:
-        if note.startswith('parameters "') and "are not personal" in note:
-            return list(REGIONS)
-        if note.startswith("the parameters of ") and "are typical values" in note:
-            return note.removeprefix("the parameters of ").partition(" are typical values")[0].split(", ")
-    return []
-
-
-def _outside_of_typical_ranges(steps: pd.DataFrame, regions: list[str], size: int) -> list[str]:
-    """The regions to which typical parameters do not apply, each with the median of its largest areas and of its mean pressures.
-    ``steps`` has a row for each region of each step. Areas are proportional to the square of the size of the shoe."""
-    outside = []
-    for region in regions:
-        of_region = steps[steps["region"] == region]
-        median = []
-        for name in ("area_peak_mm2", "measured_force_peak_n"):
-            # Of two middle values, the larger one counts, as on the command line.
-            values = np.sort(of_region[name].to_numpy(float))
-            values = values[values > 0]
-            median.append(float(values[len(values) // 2]) if len(values) else math.nan)
-        area_mm2, pressure_kpa = median[0], median[1] / median[0] * 1e3
-        if math.isnan(pressure_kpa):
-            continue
-        areas_mm2, pressures_kpa = _TYPICAL_RANGES[region]
-        scale = (size / 42) ** 2
-        ranges = ((area_mm2, areas_mm2[0] * scale, areas_mm2[1] * scale), (pressure_kpa, *pressures_kpa))
-        if not all(low / _TYPICAL_MARGIN <= value <= high * _TYPICAL_MARGIN for value, low, high in ranges):
-            outside.append(f"{region} ({area_mm2:.0f} mm2, {pressure_kpa:.0f} kPa)")
-    return outside
-
-
 class Recording:
     """The pressure under one foot over time. ``t_s`` and ``pressure_kpa`` share the memory of the recording, read-only."""
 
@@ -232,21 +182,6 @@ class Recording:
     def _areas_mm2(self) -> npt.NDArray[np.float64]:
         """The areas of the cells, mm2."""
         return self.cells["area_mm2"].to_numpy(float)
-
-    @cached_property
-    def _layout_name(self) -> str | None:
-        """Name of the sensor and of its layout, from the metadata of the file. ``None`` if the file has changed and cannot be
-        read any more. The compiled part does not offer this name."""
-        import pyarrow.parquet
-
-        path = pathlib.Path(self.path)
-        try:
-            # Hidden files, which macOS writes, are no parts.
-            first = min(path.glob("[!.]*.parquet")) if path.is_dir() else path
-            name = json.loads(pyarrow.parquet.read_schema(first).metadata[b"plantar"])["layout"]["name"]
-        except (OSError, LookupError, TypeError, ValueError):
-            return None
-        return str(name)
 
     @property
     def force_n(self) -> npt.NDArray[np.float64]:
@@ -311,16 +246,6 @@ class Replay:
             # At the place where the user called the function or the method `replay`, which creates this object.
             warnings.warn(note, stacklevel=3)
         steps = records.to_pandas()
-        # The ranges of the command line are those of the default size if there is a parameter file.
-        size = int(options.size if params is None else Options.size)
-        outside = _outside_of_typical_ranges(steps, _typical_regions(notes), size)
-        if outside:
-            warnings.warn(
-                f"{recording.path}: the typical parameters are NOT APPLICABLE to {', '.join(outside)}: area or mean pressure is "
-                "outside of that of the barefoot steps from which they were determined, so model force and deformation are not "
-                "valid there; identify the wearer with `plantar.fit`",
-                stacklevel=3,
-            )
         # An insole counts time from its first scan. The table has the time of the heel strike in the recording instead.
         steps["start_s"] = recording.t_s[(steps["start_s"] / self._period_s).round().astype(int)]
         steps["region"] = by_region(steps["region"])

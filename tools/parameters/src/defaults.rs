@@ -3,6 +3,7 @@
 
 use crate::{DeformationScale, Parameters};
 use plantar::pipeline::model::Ellipsoid;
+use plantar::protocol::{Step, StepRegion};
 use std::fmt;
 use std::str::FromStr;
 
@@ -158,6 +159,33 @@ impl Parameters {
             regions,
             deformation: DeformationScale::ALL_ASSUMED,
         }
+    }
+
+    /// A note if, in a region with typical parameters, areas or pressures of the steps are outside of those from which these were
+    /// determined, as with another sensor or in a shoe; otherwise `None`. `size` is that of the typical parameters.
+    pub fn inapplicable_note(&self, size: InsoleSize, steps: &[Step]) -> Option<String> {
+        let ranges = TypicalRange::of(size);
+        let outside = self.typical_regions().into_iter().filter_map(|region| {
+            let (i, range) = (region as usize, &ranges[region as usize]);
+            let median = |of: fn(&StepRegion) -> f64| {
+                let mut values: Vec<f64> = steps.iter().map(|step| of(&step.regions[i])).filter(|v| *v > 0.0).collect();
+                values.sort_by(f64::total_cmp);
+                values.get(values.len() / 2).copied()
+            };
+            let (area_mm2, force_n) = (median(StepRegion::area_peak_mm2)?, median(StepRegion::measured_force_peak_n)?);
+            let pressure_kpa = force_n / area_mm2 * 1e3;
+            let is_outside = !range.includes(area_mm2, pressure_kpa);
+            is_outside.then(|| format!("{} ({area_mm2:.0} mm2, {pressure_kpa:.0} kPa)", region.name()))
+        });
+        let outside: Vec<String> = outside.collect();
+        (!outside.is_empty()).then(|| {
+            format!(
+                "the typical parameters are NOT APPLICABLE to {}: area or mean pressure is outside of that of the barefoot steps \
+                 from which they were determined, so model force and deformation are not valid there; identify the wearer with \
+                 `plantar fit`",
+                outside.join(", ")
+            )
+        })
     }
 }
 

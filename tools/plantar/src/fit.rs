@@ -4,7 +4,6 @@ pub mod live;
 mod results;
 mod sensitivity;
 
-use crate::gait::is_same_but_for_the_foot;
 use crate::paths::{check_folders, check_written};
 use crate::print_note;
 use crate::replay::{progress, write_text};
@@ -462,42 +461,9 @@ impl Fit {
     }
 }
 
-/// Prints a note on stderr if recordings, given by name and layout, are of different sensors, or have cells of different sizes.
-/// `values` are the values that the command compares or fits, and `verb` is what it does.
-pub fn note_unless_same_sensor<'r>(
-    mut recordings: impl Iterator<Item = (&'r str, &'r Layout)>,
-    values: &str,
-    verb: &str,
-) {
-    let Some(first) = recordings.next() else { return };
-    if let Some(other) = recordings.find(|(_, layout)| !is_same_sensor(first.1, layout)) {
-        let sensor = |(name, layout): (&str, &Layout)| {
-            format!("{}, {:.0} mm2 per cell, in {name}", layout.name, mean_mm2(layout))
-        };
-        print_note(&format!(
-            "note: the recordings are of different sensors, or have cells of different sizes ({}; {}): areas and forces depend \
-             on the sensor and the size of its cells, so that these differences count as differences between the {values}: \
-             import the recordings with the same --cells, or {verb} those of each sensor separately",
-            sensor(first),
-            sensor(other)
-        ));
-    }
-}
-
-/// Cells of two sensors differ in size if their mean areas differ by more than this factor. Cells of a plate that an import
-/// merged differ somewhat from footprint to footprint.
-const SAME_SIZE: f64 = 1.25;
-
-/// Mean area of the cells of a layout, mm2.
-fn mean_mm2(layout: &Layout) -> f64 {
-    layout.cells.iter().map(|cell| cell.area_mm2).sum::<f64>() / layout.cells.len() as f64
-}
-
-/// True if the names of two layouts, each up to its first comma, differ at most in the words or letters for left and right, and
-/// their cells are of about the same size.
-fn is_same_sensor(first: &Layout, second: &Layout) -> bool {
-    let ratio = mean_mm2(first) / mean_mm2(second);
-    is_same_but_for_the_foot(&first.name, &second.name) && (1.0 / SAME_SIZE..=SAME_SIZE).contains(&ratio)
+/// Prints the note of [`recording::note_unless_same_sensor`] on stderr.
+pub fn note_unless_same_sensor<'r>(recordings: impl Iterator<Item = (&'r str, &'r Layout)>, values: &str, verb: &str) {
+    print_notes(recording::note_unless_same_sensor(recordings, values, verb).as_slice());
 }
 
 /// Refuses a live stream and a recording of the cells of the same walk, as in the folder of `plantar identify`: each step would
@@ -590,26 +556,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::{is_same_sensor, without_side};
-    use plantar::Region;
-    use recording::{Cell, Layout};
-
-    #[test]
-    fn sensors_differ_in_the_name_or_in_the_size_of_the_cells() {
-        let layout = |name: &str, cells: usize, area_mm2: f64| {
-            let cell = |i: usize| Cell { x_mm: i as f64, y_mm: 0.0, area_mm2, region: Region::Heel };
-            Layout { name: name.into(), cells: (0..cells).map(cell).collect(), sheet: None }
-        };
-        let left = layout("Tekscan FSCAN, 60 x 21 cells", 471, 25.8);
-        for (other, is_same) in [
-            (layout("Tekscan FSCAN, 60 x 21 cells", 554, 25.8), true),
-            (layout("Tekscan FSCAN, 30 x 11 cells", 120, 103.2), false),
-            (layout("emed plate", 506, 25.0), false),
-        ] {
-            assert_eq!(is_same_sensor(&left, &other), is_same, "{}", other.name);
-        }
-        assert!(is_same_sensor(&layout("sole_left", 9, 100.0), &layout("sole_right", 9, 100.0)));
-    }
+    use super::without_side;
 
     #[test]
     fn the_name_for_both_feet_has_no_word_for_one_of_them() {

@@ -19,7 +19,7 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost};
 use recording::export::{ONE_CONTACT, time_of};
-use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan};
+use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan, is_same_but_for_the_foot, measurement};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
@@ -135,26 +135,6 @@ pub fn note_different_origins(first: &str, second: &str) {
              double support and symmetry, are valid only if both feet were recorded in the same walk, on one clock"
         );
     }
-}
-
-/// The part of the text on the origin of a recording that names the system and the file. An import writes it first, up to a
-/// comma or the end of a sentence.
-fn measurement(source: &str) -> &str {
-    let named = source.split(',').next().unwrap_or_default();
-    named.split(". ").next().unwrap_or_default().trim_end_matches('.')
-}
-
-/// True if two texts, up to a comma or the end of a sentence, differ at most in the words left and right, and in the letters L
-/// and R. Two recordings with such texts on their origins are of the same measurement, for example those of the files
-/// `FrasP01L_m.asf` and `FrasP01R_m.asf`.
-pub fn is_same_but_for_the_foot(first: &str, second: &str) -> bool {
-    let [first, second] = [first, second].map(|text| {
-        let named = measurement(text).to_lowercase();
-        named.replace("left", "l").replace("right", "r")
-    });
-    let is_foot = |letter| letter == 'l' || letter == 'r';
-    first.chars().count() == second.chars().count()
-        && first.chars().zip(second.chars()).all(|(a, b)| a == b || is_foot(a) && is_foot(b))
 }
 
 impl GaitCommand {
@@ -508,7 +488,7 @@ fn to_text(estimate: &Estimate, digits: usize) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{is_same_but_for_the_foot, to_text};
+    use super::to_text;
     use client::gait::Estimate;
 
     #[test]
@@ -516,34 +496,5 @@ mod tests {
         let estimate = |mean, interval| Estimate { count: 9, mean, sd: Some(0.0002), interval };
         assert_eq!(to_text(&estimate(-0.0004, Some([-0.0012, 0.0])), 3), "0.000 ± 0.000 (-0.001 to 0.000)");
         assert_eq!(to_text(&estimate(-10.0, None), 0), "-10 ± 0");
-    }
-
-    #[test]
-    fn files_of_one_measurement_differ_in_the_foot_only() {
-        for (left, right, is_same) in [
-            ("pedar measurement a.asc, left insole, geometry g.", "pedar measurement a.asc, right insole.", true),
-            ("Tekscan measurement P01L_m.asf, by template.", "Tekscan measurement P01R_m.asf, by template.", true),
-            (
-                "CSV import of left.csv with the layout left.json.",
-                "CSV import of right.csv with the layout right.json.",
-                true,
-            ),
-            (
-                "Walk Ga1_01 of PhysioNet's database gaitpdb, left foot",
-                "Walk Ga1_02 of PhysioNet's database gaitpdb, right foot",
-                false,
-            ),
-            ("pedar measurement ann.asc, left insole.", "pedar measurement bob.asc, right insole.", false),
-            ("Tekscan measurement walk.asf, by template.", "pedar measurement walk.asc, right insole.", false),
-            // Only the first recording has a remark of the import.
-            (
-                "CSV import of left.csv with the layout left.csv. The largest force is 99.0 N.",
-                "CSV import of right.csv with the layout right.csv.",
-                true,
-            ),
-            ("", "", true),
-        ] {
-            assert_eq!(is_same_but_for_the_foot(left, right), is_same, "{left} {right}");
-        }
     }
 }

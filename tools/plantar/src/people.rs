@@ -161,7 +161,7 @@ fn sorted_entries(folder: &Path) -> Vec<PathBuf> {
 ///
 /// # Errors
 /// If the file cannot be read, is not a regular one, or is larger than any file of parameters.
-pub fn read_file(path: &Path) -> io::Result<Vec<u8>> {
+fn read_file(path: &Path) -> io::Result<Vec<u8>> {
     const MAX_BYTES: u64 = 1 << 24;
     let metadata = fs::metadata(path)?;
     if !metadata.is_file() || metadata.len() > MAX_BYTES {
@@ -181,7 +181,7 @@ pub fn open(
     stance: &StanceArgs,
 ) -> Result<(Person, Vec<PathBuf>)> {
     let (contact, stance) = (contact.rule(None)?, stance.rule()?);
-    let person = Person::open(folder, &search.of_study(), contact, stance, &|path| read_file(path))?;
+    let person = Person::open(folder, &search.of_study(), contact, stance, &read_file)?;
     print_notes(&person.notes);
     let mut recordings = Vec::new();
     let error = || format!("cannot read {}", folder.display());

@@ -18,6 +18,7 @@ use plantar::Side;
 use rayon::prelude::*;
 use recording::{RecordingReader, is_parquet};
 use std::collections::BTreeSet;
+use std::fs;
 use std::path::{Path, PathBuf};
 use study::{Person, SETTINGS_FILE, fits};
 
@@ -208,7 +209,7 @@ impl Repeat {
         }
         let settings = Participant { zero: self.zero.clone(), ..Participant::default() };
         let (contact, stance) = (self.contact.rule(None)?, self.stance.rule()?);
-        let person = Person::new(settings, &self.search.of_study(), contact, stance, &|path| people::read_file(path))?;
+        let person = Person::new(settings, &self.search.of_study(), contact, stance, &|path| fs::read(path))?;
         print_notes(&person.notes);
         Ok(trials_of("the person", &person, &self.inputs))
     }

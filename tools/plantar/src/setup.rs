@@ -2,11 +2,11 @@
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use parameters::{Identified, InsoleSize, Parameters, TypicalRange};
+use parameters::{Identified, InsoleSize, Parameters};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
-use plantar::protocol::{Step, StepRegion};
+use plantar::protocol::Step;
 use recording::{FrameSource, VirtualInsole, Zero};
 use std::path::{Path, PathBuf};
 use study::{ContactOptions, StanceOptions};
@@ -94,31 +94,10 @@ pub fn note_if_extrapolated(size: Option<InsoleSize>) {
     size.and_then(InsoleSize::extrapolation_note).iter().for_each(|note| eprintln!("note: {note}"));
 }
 
-/// Prints a note on stderr if, in a region with typical parameters, areas or pressures of the steps are outside of those from
-/// which these were determined, as with another sensor or in a shoe.
+/// Prints a note on stderr if typical parameters do not apply to the steps of a region. Without a size, they are those of the
+/// default size.
 pub fn note_unless_applicable(parameters: &Parameters, size: Option<InsoleSize>, steps: &[Step]) {
-    let ranges = TypicalRange::of(size.unwrap_or_default());
-    let outside = parameters.typical_regions().into_iter().filter_map(|region| {
-        let (i, range) = (region as usize, &ranges[region as usize]);
-        let median = |of: fn(&StepRegion) -> f64| {
-            let mut values: Vec<f64> = steps.iter().map(|step| of(&step.regions[i])).filter(|v| *v > 0.0).collect();
-            values.sort_by(f64::total_cmp);
-            values.get(values.len() / 2).copied()
-        };
-        let (area_mm2, force_n) = (median(StepRegion::area_peak_mm2)?, median(StepRegion::measured_force_peak_n)?);
-        let pressure_kpa = force_n / area_mm2 * 1e3;
-        let is_outside = !range.includes(area_mm2, pressure_kpa);
-        is_outside.then(|| format!("{} ({area_mm2:.0} mm2, {pressure_kpa:.0} kPa)", region.name()))
-    });
-    let outside: Vec<String> = outside.collect();
-    if !outside.is_empty() {
-        eprintln!(
-            "note: the typical parameters are NOT APPLICABLE to {}: area or mean pressure is outside of that of the barefoot \
-             steps from which they were determined, so model force and deformation are not valid there; identify the wearer \
-             with `plantar fit`",
-            outside.join(", ")
-        );
-    }
+    parameters.inapplicable_note(size.unwrap_or_default(), steps).iter().for_each(|note| eprintln!("note: {note}"));
 }
 
 /// Options that change a contact rule.

@@ -65,6 +65,7 @@ pub fn parse(layout: impl Read, frames: impl Read, side: Side) -> Result<Recordi
     recording(layout, layout_path, frames, frames_path, side, Span::default(), None)
 }
 
+/// The recording of the frames within `span`, resampled to `resampled_hz` if it is given. Messages name the two files.
 fn recording(
     layout: Layout,
     layout_path: &Path,

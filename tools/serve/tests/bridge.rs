@@ -198,12 +198,22 @@ fn serve(cables: &[&Cable], record: Option<std::path::PathBuf>) -> SocketAddr {
 
 /// As [`serve`]. `accepts_parameters` states whether pages may send parameters.
 fn serve_sources(sources: Vec<Source>, record: Option<std::path::PathBuf>, accepts_parameters: bool) -> SocketAddr {
+    serve_for(sources, record, accepts_parameters, Vec::new())
+}
+
+/// As [`serve_sources`]. Pages of `origins` may connect, too.
+fn serve_for(
+    sources: Vec<Source>,
+    record: Option<std::path::PathBuf>,
+    accepts_parameters: bool,
+    origins: Vec<String>,
+) -> SocketAddr {
     let folder = tempfile::tempdir().expect("a folder").keep();
     std::fs::write(folder.join("index.html"), "the page").expect("a page");
     let (ready, address) = channel();
     std::thread::spawn(move || {
         let listen = (Ipv4Addr::LOCALHOST, 0).into();
-        let options = Options { listen, page: folder, origins: Vec::new(), accepts_parameters, record, lsl: None };
+        let options = Options { listen, page: folder, origins, accepts_parameters, record, lsl: None };
         serve::serve(sources, &options, |local| ready.send(local).expect("the test waits")).expect("it serves");
     });
     address.recv_timeout(TIMEOUT).expect("it serves in time")
@@ -233,7 +243,7 @@ impl Write for Faulty {
 #[test]
 fn a_browser_that_uses_another_name_of_this_computer_is_redirected() {
     let address = serve(&[&Cable::new(Side::Left)], None);
-    let get = |host: &str| {
+    let get = |address: SocketAddr, host: &str| {
         let mut socket = std::net::TcpStream::connect(address).expect("a connection");
         write!(socket, "GET /?serve HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").expect("sent");
         let mut answer = String::new();
@@ -241,16 +251,21 @@ fn a_browser_that_uses_another_name_of_this_computer_is_redirected() {
         answer
     };
     for name in ["localhost", "[::1]"] {
-        let answer = get(&format!("{name}:{}", address.port()));
+        let answer = get(address, &format!("{name}:{}", address.port()));
         assert!(
             answer.starts_with("HTTP/1.1 307") && answer.contains(&format!("http://{address}/?serve\r\n")),
             "{answer}"
         );
     }
     for host in [address.to_string(), "localhost:1".into()] {
-        let answer = get(&host);
+        let answer = get(address, &host);
         assert!(answer.starts_with("HTTP/1.1 200") && answer.ends_with("the page"), "{answer}");
     }
+    // A proxy names this computer in its requests, which are those of browsers elsewhere.
+    let source = Cable::new(Side::Left).source();
+    let proxied = serve_for(vec![source], None, false, vec!["https://insoles.example".into()]);
+    let answer = get(proxied, &format!("localhost:{}", proxied.port()));
+    assert!(answer.starts_with("HTTP/1.1 200") && answer.ends_with("the page"), "{answer}");
 }
 
 /// A server that serves only one of two feet would look as if it served both.
@@ -796,4 +811,17 @@ async fn a_page_from_another_origin_cannot_connect() {
     request.headers_mut().insert("origin", "https://evil.example".parse().expect("a header"));
     let refused = tokio_tungstenite::connect_async(request).await.expect_err("it is refused");
     assert!(refused.to_string().contains("403"), "{refused}");
+}
+
+/// The page that a browser has cached under another name of this computer is not redirected.
+#[tokio::test]
+async fn a_page_under_another_name_of_this_computer_cannot_connect() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    for (host, is_refused) in [(format!("localhost:{}", address.port()), true), (address.to_string(), false)] {
+        let mut request = format!("ws://{address}/insoles").into_client_request().expect("a request");
+        request.headers_mut().insert("host", host.parse().expect("a header"));
+        request.headers_mut().insert("origin", format!("http://{host}").parse().expect("a header"));
+        assert_eq!(tokio_tungstenite::connect_async(request).await.is_err(), is_refused, "{host}");
+    }
 }

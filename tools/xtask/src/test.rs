@@ -48,11 +48,12 @@ pub fn all() -> Result<()> {
     // Nothing runs beside the tests in real time: even a build in idle time on one of two cores has delayed the emulated boards.
     tests_in_real_time(&python)?;
     // In idle time, beside the tests of the page and then all others, the firmware of the other boards is built, that of all
-    // boards is linted, and the dependencies are checked.
+    // boards and the command line of the demonstration are linted, and the dependencies are checked.
     let page_figures = std::thread::scope(|scope| {
         let boards = scope.spawn(|| {
             in_idle_time()?;
             build_boards()?;
+            lint_smallest_command_line()?;
             check_boards_and_dependencies()
         });
         let figures = page::test(&built("release/plantar"), &firmware(EMULATED));
@@ -116,6 +117,12 @@ fn in_idle_time() -> Result<()> {
 fn format() -> Result<()> {
     run("cargo", &["fmt", "--all", "--check"])?;
     run("cargo", &["fmt", "--manifest-path", "fuzz/Cargo.toml", "--check"])
+}
+
+/// Lints the command line without its optional parts, as `cargo xtask demo` builds it.
+fn lint_smallest_command_line() -> Result<()> {
+    let options = ["clippy", "--locked", "--release", "--package", "plantar-cli", "--no-default-features"];
+    run_command(Command::new("cargo").args(options).args(DENY_WARNINGS))
 }
 
 /// The packages besides those of [`BOARDS`] that compile only for a board.
