@@ -17,7 +17,7 @@ use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use recording::{VirtualInsole, Zero};
+use recording::VirtualInsole;
 use std::path::PathBuf;
 use std::sync::Arc;
 use study::table::{Row, Value};
@@ -30,12 +30,13 @@ pub struct Fitted {
     size: InsoleSize,
 }
 
-/// Identifies a person's parameters from recordings. `participant` is the name of the person. Also returns notes for the user.
+/// Identifies a person's parameters from recordings. `participant` is the name of the person; the default is that of the first
+/// recording. Also returns notes for the user.
 #[pyfunction]
 pub fn identify(
     py: Python,
     recordings: Vec<PyRef<Recording>>,
-    participant: String,
+    participant: Option<String>,
     options: Options,
 ) -> PyResult<(Fitted, Vec<String>)> {
     let recordings: Vec<(Arc<recording::Recording>, PathBuf)> =
@@ -43,6 +44,7 @@ pub fn identify(
     let (search, contact, size) = (options.search()?, options.contact(None)?, options.size()?);
     let stance = options.stance()?;
     let identified = move || -> anyhow::Result<(Fitted, Vec<String>)> {
+        let participant = participant.unwrap_or_else(|| name_of_person(&recordings));
         let (tissue, notes) = search.tissue(&|path| std::fs::read(path))?;
         let mut study = Study::new(participant, contact, search.options(&tissue, RESAMPLES)?);
         // The error with counted cells requires a second search, which would take too long with the method of the paper.
@@ -54,9 +56,7 @@ pub fn identify(
             let problem = || format!("{name}: the recording cannot be evaluated");
             let insole = |rule: ContactRule| -> anyhow::Result<VirtualInsole> {
                 let mut insole = virtual_insole(&(&**recording).into(), rule, stance).with_context(problem)?;
-                if let Some(zero) = &options.zero {
-                    Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
-                }
+                options.subtract_zero(&mut insole)?;
                 Ok(insole)
             };
             study.add(name.clone(), &**recording, &insole(contact)?, &mut |_| ()).with_context(problem)?;
@@ -79,6 +79,13 @@ pub fn identify(
     };
     threads::begin()?;
     py.detach(identified).map_err(exception)
+}
+
+/// The name of a person, from the first recording, as the command line chooses it.
+fn name_of_person(recordings: &[(Arc<recording::Recording>, PathBuf)]) -> String {
+    let stem = recordings.first().and_then(|(_, path)| path.file_stem()).unwrap_or_default().to_string_lossy();
+    let has_one_side = recordings.iter().all(|(recording, _)| recording.side == recordings[0].0.side);
+    if has_one_side { stem.into_owned() } else { recording::without_side(&stem).into() }
 }
 
 #[pymethods]

@@ -4,6 +4,7 @@
 
 mod batch;
 mod fitting;
+mod gait;
 mod insole;
 mod options;
 mod person;
@@ -19,6 +20,8 @@ use std::io;
 mod _core {
     #[pymodule_export]
     use super::fitting::{Fitted, identify};
+    #[pymodule_export]
+    use super::gait::{Gait, gait};
     #[pymodule_export]
     use super::insole::Insole;
     #[pymodule_export]

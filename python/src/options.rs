@@ -8,6 +8,7 @@ use plantar::pipeline::stance_rule::StanceRule;
 use pyo3::conversion::FromPyObjectOwned;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use recording::{VirtualInsole, Zero};
 use std::path::PathBuf;
 use study::{ContactOptions, Search, StanceOptions};
 
@@ -79,7 +80,7 @@ fn attribute<'py, T: FromPyObjectOwned<'py>>(
 }
 
 /// The value in `all` with this name. The exception for an unknown name contains `option`, the name of the option.
-fn named<T>(option: &str, name: &str, all: &[(&str, T)]) -> PyResult<T>
+pub fn named<T>(option: &str, name: &str, all: &[(&str, T)]) -> PyResult<T>
 where
     T: Copy,
 {
@@ -87,6 +88,16 @@ where
         let names: Vec<_> = all.iter().map(|(name, _)| format!("\"{name}\"")).collect();
         PyValueError::new_err(format!("{option} = \"{name}\": expected {}", names.join(" or ")))
     })
+}
+
+/// An error if an option is given. `of_what` is what it has no effect on.
+fn refuse(of_what: &str, options: &[(&str, bool)]) -> PyResult<()> {
+    match options.iter().find(|(_, is_given)| *is_given) {
+        Some((name, _)) => {
+            Err(PyValueError::new_err(format!("the option {name} has no effect on {of_what}: leave it out")))
+        }
+        None => Ok(()),
+    }
 }
 
 impl Options {
@@ -97,19 +108,37 @@ impl Options {
 
     /// An error if an option of the search differs from its default: a replay would ignore it.
     pub fn check_replay(&self) -> PyResult<()> {
-        let is_given = [
+        refuse("a replay, only on the identification of parameters", &self.given_for_search())
+    }
+
+    /// An error if another option than those of the stance rule, the zero and the size differs from its default: the measures of
+    /// gait would not depend on it.
+    pub fn check_gait(&self) -> PyResult<()> {
+        let of_contact = [
+            ("contact_on_kpa", self.contact_on_kpa.is_some()),
+            ("contact_off_kpa", self.contact_off_kpa.is_some()),
+            ("contact_full_kpa", self.contact_full_kpa.is_some()),
+        ];
+        refuse("the measures of gait", &[&self.given_for_search()[..], &of_contact].concat())
+    }
+
+    /// The options of the search, and whether each differs from its default. The default of the size cannot be recognised.
+    fn given_for_search(&self) -> [(&'static str, bool); 5] {
+        [
             ("filter", self.filter.is_some()),
             ("method", self.method != Method::Projection.name()),
             ("bounds", self.bounds != FREE_BOUNDS),
             ("tissue", self.tissue.is_some()),
             ("compression", self.compression.is_some()),
-        ];
-        match is_given.iter().find(|(_, is_given)| *is_given) {
-            Some((name, _)) => Err(PyValueError::new_err(format!(
-                "the option {name} has no effect on a replay, only on the identification of parameters: leave it out"
-            ))),
-            None => Ok(()),
+        ]
+    }
+
+    /// Lets the insole subtract the zeros in the zero file, if there is one.
+    pub fn subtract_zero(&self, insole: &mut VirtualInsole) -> anyhow::Result<()> {
+        if let Some(path) = &self.zero {
+            Zero::read(path)?.apply_to(insole, &path.display().to_string())?;
         }
+        Ok(())
     }
 
     /// Filter, method and bounds of the search.

@@ -1,13 +1,18 @@
 //! A recording, and its values as Arrow arrays.
 
 use crate::batch::{Table, table};
+use crate::options::named;
 use crate::{exception, threads};
 use arrow_array::{Array, Float32Array, Float64Array};
 use arrow_buffer::{Buffer, ScalarBuffer};
 use arrow_data::ArrayData;
 use arrow_pyarrow::PyArrowType;
 use bytes::Bytes;
+use plantar::{Region, Side};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use recording::footprint::unit_warnings;
+use recording::{Layout, template};
 use std::path::PathBuf;
 use std::sync::Arc;
 use study::table::{Row, Value};
@@ -54,6 +59,64 @@ impl Recording {
         threads::begin()?;
         let inner = py.detach(|| recording::Recording::parse_parts(files, &path)).map_err(exception)?;
         Ok(Self { inner: Arc::new(inner), path })
+    }
+
+    /// A recording of pressures from Python: all cells of the first frame, then those of the next one. A cell has the values x,
+    /// y, mm, its area, mm2, and the name of its region. Without any region, the template assigns the regions. `name` is the name
+    /// of the recording in messages, and `sensor` that of the layout.
+    #[staticmethod]
+    #[allow(clippy::too_many_arguments, reason = "the fields of a recording")]
+    fn from_arrays(
+        py: Python,
+        t_s: PyArrowType<ArrayData>,
+        pressure_kpa: PyArrowType<ArrayData>,
+        cells: Vec<(f64, f64, f64, Option<String>)>,
+        side: &str,
+        rate_hz: f64,
+        name: String,
+        sensor: String,
+        source: String,
+    ) -> PyResult<Self> {
+        let side = named("side", side, &[("left", Side::Left), ("right", Side::Right)])?;
+        let has_regions = cells.iter().any(|(.., region)| region.is_some());
+        let cell = |(x_mm, y_mm, area_mm2, region): (f64, f64, f64, Option<String>)| -> PyResult<recording::Cell> {
+            let region = match region {
+                Some(region) => named("region", &region, &Region::ALL.map(|region| (region.name(), region)))?,
+                None if has_regions => return Err(PyValueError::new_err("some cells have a region and some do not")),
+                None => Region::Heel,
+            };
+            Ok(recording::Cell { x_mm, y_mm, area_mm2, region })
+        };
+        let mut cells = cells.into_iter().map(cell).collect::<PyResult<Vec<_>>>()?;
+        if !has_regions {
+            template::assign(&mut cells);
+        }
+        let inner = recording::Recording {
+            side,
+            layout: Layout { name: sensor, cells, sheet: None },
+            rate_hz,
+            source,
+            t_s: Float64Array::from(t_s.0).values().to_vec(),
+            pressure_kpa: Float32Array::from(pressure_kpa.0).values().to_vec(),
+        };
+        py.detach(|| inner.check(&name)).map_err(exception)?;
+        Ok(Self { inner: Arc::new(inner), path: name.into() })
+    }
+
+    /// The recording of the frames from `start` to before `end`, of which there must be at least one.
+    fn part(&self, py: Python, start: usize, end: usize) -> Self {
+        let inner = py.detach(|| self.inner.part(start..end));
+        Self { inner: Arc::new(inner), path: self.path.clone() }
+    }
+
+    /// Writes the recording to a file.
+    fn write(&self, py: Python, path: PathBuf) -> PyResult<()> {
+        py.detach(|| self.inner.write(&path)).map_err(exception)
+    }
+
+    /// See [`recording::footprint::unit_warnings`].
+    fn unit_warnings(&self, py: Python) -> Vec<String> {
+        py.detach(|| unit_warnings(&self.inner))
     }
 
     #[getter]

@@ -6,24 +6,24 @@ use crate::options::Options;
 use crate::recordings::Recording;
 use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
-use fit::contacts::Contacts;
-use fit::steps::ExclusionReason;
+use fit::contacts::CutOff;
 use parameters::{Identified, InsoleSize, Parameters};
 use plantar::faults::Faults;
 use plantar::insole::Insole;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::Step;
+use plantar::protocol::{Bout, Step};
 use plantar::{Real, Region};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use recording::{MAX_CELLS, Scan, VirtualInsole, Zero};
+use recording::{MAX_CELLS, Scan, VirtualInsole};
 use std::path::PathBuf;
-use study::records::{step_columns, step_row};
+use study::records::{bout_columns, bout_row, step_columns, step_row};
 use study::{frames, virtual_insole};
 
 /// The result of a replay.
 struct Replayed {
     steps: Vec<Step>,
+    bouts: Vec<Bout>,
     /// Notes on contacts that the recording cuts off, and on sensor faults, as texts for the user.
     notes: Vec<String>,
     /// The live values: one vector for each of the columns [`frames::column_names`]. The vectors are empty if the values were not
@@ -32,8 +32,8 @@ struct Replayed {
 }
 
 /// Computes the steps of a recording as an insole would and, if `with_frames` is true, the live values of every frame. `params`
-/// is a parameter file; without one, typical parameters are used. `precision` is `f32` or `f64`. Returns the table of the steps,
-/// the table of the frames if it was requested, and notes for the user.
+/// is a parameter file; without one, typical parameters are used. `precision` is `f32` or `f64`. Returns the tables of the steps
+/// and of the load bouts, the table of the frames if it was requested, and notes for the user.
 #[pyfunction]
 pub fn replay(
     py: Python,
@@ -42,7 +42,7 @@ pub fn replay(
     params: Option<PathBuf>,
     precision: &str,
     with_frames: bool,
-) -> PyResult<(Table, Option<Table>, Vec<String>)> {
+) -> PyResult<(Table, Table, Option<Table>, Vec<String>)> {
     options.check_replay()?;
     let parameters = match &params {
         Some(path) => Parameters::read(path).map_err(exception)?,
@@ -79,21 +79,22 @@ pub fn replay(
     py.detach(|| {
         let replayed = || {
             let mut insole = virtual_insole(&inner.into(), contact, stance)?;
-            if let Some(zero) = &options.zero {
-                Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
-            }
+            options.subtract_zero(&mut insole)?;
             run(inner, &insole, &parameters.tissue(), with_frames)
         };
-        let Replayed { steps, notes: of_recording, frames } =
+        let Replayed { steps, bouts, notes: of_recording, frames } =
             replayed().with_context(|| format!("{path}: the recording cannot be evaluated")).map_err(exception)?;
         // Parameters of a file state no size.
         let size = if params.is_none() { options.size()? } else { InsoleSize::default() };
         let of_parameters = parameters.inapplicable_note(size, &steps);
         notes.extend(of_recording.iter().chain(&of_parameters).map(|note| format!("{path}: {note}")));
-        let rows: Vec<_> = steps.iter().flat_map(|step| (0..Region::ALL.len()).map(|i| step_row(step, i))).collect();
+        let regions = || 0..Region::ALL.len();
+        let rows: Vec<_> = steps.iter().flat_map(|step| regions().map(|i| step_row(step, i))).collect();
         let steps = PyArrowType(table(&step_columns(), &rows)?);
+        let rows: Vec<_> = bouts.iter().flat_map(|bout| regions().map(|i| bout_row(bout, i))).collect();
+        let bouts = PyArrowType(table(&bout_columns(), &rows)?);
         let frames = if with_frames { Some(PyArrowType(numbers(&frames::column_names(), frames)?)) } else { None };
-        Ok((steps, frames, notes))
+        Ok((steps, bouts, frames, notes))
     })
 }
 
@@ -109,34 +110,32 @@ fn run<R: Real>(
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     insole.set_tissue(tissue)?;
     let (mut steps, mut columns, mut row) = (Vec::new(), vec![Vec::new(); frames::column_names().len()], Vec::new());
-    let (mut contacts, mut notes) = (Contacts::default(), Vec::new());
-    let mut add_cut_off = |start_s: f64, reason: Option<ExclusionReason>| {
-        let cut_off = reason.filter(ExclusionReason::is_cut_off);
-        notes.extend(cut_off.map(|reason| format!("left out: the contact at {start_s:.2} s, {reason}")));
-    };
+    let (mut bouts, mut cut_off) = (Vec::new(), CutOff::default());
     let mut scans = virtual_insole.scans(recording);
-    while let Some(Scan { index, t_s, codes }) = scans.next_scan()? {
+    let mut add_step = |toe_off: bool, insole: &mut Insole<R, MAX_CELLS>| {
+        steps.extend(toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step)));
+    };
+    // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
+    while let Some(Scan { index, t_s: Some(t_s), codes }) = scans.next_scan()? {
         let toe_off = insole.frame(index as u32, codes);
-        if toe_off && let Some(step) = insole.whole_step() {
-            steps.push(Step::new(&step));
-        }
+        cut_off.frame(t_s, toe_off, &insole);
+        add_step(toe_off, &mut insole);
         // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the next
         // step.
-        insole.take_bout();
-        // A scan without a time repeats the last frame, to confirm the toe off at the end.
-        let Some(t_s) = t_s else { continue };
-        let reason = contacts.frame(t_s, toe_off, &insole);
-        add_cut_off(contacts.start_s(), reason);
+        bouts.extend(insole.take_bout().as_ref().map(Bout::new));
         if with_frames {
             row.clear();
             frames::push_row(&mut row, t_s, &insole, virtual_insole.setup.contact);
             columns.iter_mut().zip(&row).for_each(|(column, value)| column.push(*value));
         }
     }
-    let reason = contacts.end(&insole);
-    add_cut_off(contacts.start_s(), reason);
+    let toe_off = insole.end_stance();
+    add_step(toe_off, &mut insole);
+    bouts.extend(std::iter::from_fn(|| insole.end_bout()).map(|bout| Bout::new(&bout)));
+    let left_out = |(start_s, reason)| format!("left out: the contact at {start_s:.2} s, {reason}");
+    let mut notes: Vec<_> = cut_off.end(&insole).into_iter().map(left_out).collect();
     notes.extend(fault_note(insole.faults()));
-    Ok(Replayed { steps, notes, frames: columns })
+    Ok(Replayed { steps, bouts, notes, frames: columns })
 }
 
 /// The faults of the sensor and the number of masked cells of each region; `None` without any.

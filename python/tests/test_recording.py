@@ -170,9 +170,9 @@ def changed(source: pathlib.Path, path: pathlib.Path, pressure: float = 1.0, len
 @pytest.mark.parametrize(
     ("pressure", "length", "words"),
     [
-        (10.0, 1.0, r"the largest force is 80\d\d N, more than a foot carries"),
-        (7.5, 1.0, r"the largest force is 60\d\d N, .* check that pressures are in kPa"),
-        (1.0, 0.1, r"the cells extend over 2\d.\d mm, and have 190 mm2 in total"),
+        (10.0, 1.0, r"The largest force on the right foot is 80\d\d N, more than a foot carries"),
+        (7.5, 1.0, r"The largest force on the right foot is 60\d\d N, .* check the unit of the pressures"),
+        (1.0, 0.1, r"The cells of the right foot extend over 2\d.\d mm, and have 190 mm2 in total"),
     ],
 )
 def test_values_in_another_unit_are_named_when_a_recording_is_read(
@@ -206,7 +206,7 @@ def test_exchanged_axes_are_named_when_a_recording_is_read(walk_file: pathlib.Pa
         cell["x_mm"], cell["y_mm"] = cell["y_mm"], cell["x_mm"]
     path = tmp_path / "exchanged.parquet"
     pq.write_table(table.replace_schema_metadata({"plantar": json.dumps(meta)}), path)
-    with pytest.warns(UserWarning, match=r"exchanged.parquet: the layout is wider \(2\d\d mm\) than long"):
+    with pytest.warns(UserWarning, match=r"exchanged.parquet: The layout of the right foot is wider \(2\d\d mm\) than long"):
         package.read(path)
 
 
@@ -556,3 +556,78 @@ def test_other_threads_continue_while_a_recording_is_fitted(walk_file: pathlib.P
         sys.setswitchinterval(interval_s)
     thread.join()
     assert is_done and not was_done
+
+
+def test_a_recording_from_numpy_equals_that_of_its_file(tmp_path: pathlib.Path, walk_file: pathlib.Path) -> None:
+    original = package.read(walk_file)
+    copy = package.Recording.from_numpy(
+        original.pressure_kpa.astype(float), original.cells, side=original.side, rate_hz=original.rate_hz, name="copy", sensor="s"
+    )
+    copy.write(tmp_path / "copy.parquet")
+    for recording in (copy, package.read(tmp_path / "copy.parquet")):
+        np.testing.assert_array_equal(recording.pressure_kpa, original.pressure_kpa)
+        np.testing.assert_allclose(recording.t_s, original.t_s, atol=1e-9)
+        pd.testing.assert_frame_equal(recording.cells, original.cells)
+        pd.testing.assert_frame_equal(recording.replay().steps, original.replay().steps)
+    assert copy.source == "copy." and copy.path == "copy"
+    # Without regions, the template assigns them, as the import of a recording without regions does.
+    places = original.cells.drop(columns="region")
+    bare = package.Recording.from_numpy(
+        original.pressure_kpa, places, side="left", rate_hz=100, name="bare", sensor="s", t_s=original.t_s
+    )
+    assert list(bare.cells["region"].cat.categories) == list(package.REGIONS) and bare.side == "left"
+    assert (bare.cells["region"] == original.cells["region"]).mean() > 0.8
+
+
+def test_arrays_that_are_no_recording_are_refused_with_the_place(walk_file: pathlib.Path) -> None:
+    original = package.read(walk_file)
+    pressure_kpa, cells = original.pressure_kpa.copy(), original.cells
+
+    def made(**changed: Any) -> package.Recording:
+        fields: dict[str, Any] = {"side": "right", "rate_hz": 100.0, "name": "own", "sensor": "s"} | changed
+        values = fields.pop("pressure_kpa", pressure_kpa)
+        return package.Recording.from_numpy(values, fields.pop("cells", cells), **fields)
+
+    with pytest.raises(ValueError, match=r"own: pressure_kpa has the shape .*one column for each of the \d+ cells"):
+        made(pressure_kpa=pressure_kpa[:, 1:])
+    with pytest.raises(ValueError, match="own: cells has no column area_mm2"):
+        made(cells=cells.drop(columns="area_mm2"))
+    with pytest.raises(ValueError, match="own: t_s has the shape"):
+        made(t_s=[0.0, 0.01])
+    with pytest.raises(ValueError, match='side = "both": expected "left" or "right"'):
+        made(side="both")
+    with pytest.raises(ValueError, match='region = "toe": expected "heel" or '):
+        made(cells=cells.assign(region="toe"))
+    with pytest.raises(ValueError, match="own: frame 3: "):
+        made(t_s=np.where(np.arange(len(pressure_kpa)) == 3, 1e3, original.t_s))
+    pressure_kpa[5, 7] = np.nan
+    with pytest.raises(ValueError, match="own: frame 5, cell 7: pressure NaN kPa; pressures must be finite"):
+        made()
+
+
+def test_a_part_of_a_recording_has_the_steps_in_it(walk_file: pathlib.Path) -> None:
+    whole = package.read(walk_file)
+    steps = whole.replay().steps.groupby("step")[["start_s", "duration_s"]].first()
+    # From the swing before the third step to the swing after the fourth one.
+    from_s, to_s = steps["start_s"].iloc[2] - 0.2, steps["start_s"].iloc[4] - 0.1
+    part = whole.part(from_s, to_s)
+    assert part.t_s[0] >= from_s and part.t_s[-1] <= to_s and len(part.t_s) == ((whole.t_s >= from_s) & (whole.t_s <= to_s)).sum()
+    of_part = part.replay().steps.groupby("step")[["start_s", "duration_s"]].first()
+    np.testing.assert_allclose(of_part.to_numpy(), steps.iloc[2:4].to_numpy(), atol=1e-9)
+    assert part.source.startswith(whole.source) and "Only the frames from" in part.source
+    assert whole.part().source == whole.source
+    with pytest.raises(ValueError, match=r"no frame from 1000 to None s: the frames are from 0 to "):
+        whole.part(1000)
+
+
+def test_load_bouts_are_those_of_the_command_line(tmp_path: pathlib.Path, walk_file: pathlib.Path) -> None:
+    plantar("replay", walk_file, "--bouts", tmp_path / "bouts.json")
+    expected = json.loads((tmp_path / "bouts.json").read_text())
+    bouts = package.replay(walk_file).bouts
+    assert list(bouts.index.unique("number")) == [bout["number"] for bout in expected] and expected
+    for bout in expected:
+        of_bout = bouts.loc[bout["number"]]
+        assert (of_bout["kind"] == bout["kind"]).all()
+        np.testing.assert_allclose(of_bout["start_s"], bout["start_s"], atol=1e-6)
+        for region, values in bout["regions"].items():
+            assert of_bout.loc[region, "measured_force_integral_n_s"] == pytest.approx(values["measured_force_integral_n_s"])

@@ -9,7 +9,10 @@
 //! an alert waits until the queue has space. The link has no deadline. [`supervise`] checks that scan, processing, link,
 //! storage and radio make progress.
 
-#![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
+#![allow(
+    async_fn_in_trait,
+    reason = "boards implement these traits for executors that do not move tasks between threads"
+)]
 
 pub mod board;
 pub mod front_end;

@@ -1,4 +1,4 @@
-//! The configuration: geometry, calibration and rules, and the tissue parameters of the wearer.
+//! The configuration: geometry, calibration, contact rule and stance rule; and the tissue parameters of the wearer.
 
 use super::Insole;
 use crate::num::Real;
@@ -12,9 +12,9 @@ use crate::pipeline::stance_rule::StanceLimits;
 use crate::pipeline::tissue::{Tissue, TissueError};
 
 impl<R: Real, const N: usize> Insole<R, N> {
-    /// Replaces geometry, calibration and rules, and resets the state of measurement; a requested measurement of the baselines
-    /// ends without an outcome. The tissue parameters and their tracking, the rules and the state of the alerts, and the number
-    /// of the next record remain. Iterates over `cells` twice.
+    /// Replaces geometry, calibration, contact rule and stance rule, and resets the state of measurement; a requested measurement
+    /// of the baselines ends without an outcome. The tissue parameters and their tracking, the alert rules and the state of the
+    /// alerts, and the number of the next record remain. Iterates over `cells` twice.
     ///
     /// # Errors
     /// If the configuration is invalid; the previous configuration then remains in force.
@@ -98,7 +98,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.cells.len()
     }
 
-    /// Identifies the tissue parameters; 0 without parameters.
+    /// The identifier of the tissue parameters; 0 without parameters.
     pub fn tissue_id(&self) -> u32 {
         self.tissue_id
     }

@@ -57,7 +57,7 @@ impl<R: Real> Between<R> {
 pub struct Curves<R> {
     /// Number of frames since heel strike, including bridged frames.
     frames: u32,
-    /// Number of frames from one sample to the next one, a power of 2.
+    /// Number of frames from one sample to the next one, a power of 2; 0 before the first [`Curves::clear`].
     stride: u32,
     /// Number of samples.
     len: usize,
@@ -75,7 +75,7 @@ pub struct Curves<R> {
 }
 
 impl<R: Real> Curves<R> {
-    /// Curves without samples.
+    /// Curves before the first [`Curves::clear`]. All bytes are zero, so that a static insole occupies no flash.
     pub(super) const EMPTY: Self = Self {
         frames: 0,
         stride: 0,
@@ -229,7 +229,7 @@ impl<R: Real> Curves<R> {
     /// Centre of pressure of the foot in a sample, foot coordinates, mm, limited to 512 mm along each axis: no foot is longer.
     ///
     /// # Panics
-    /// If there is no such sample.
+    /// If `sample` is not below [`STANCE_SAMPLES`]. From the number of samples on, the result is that of an earlier stance.
     pub fn centre_mm(&self, sample: usize) -> (R, R) {
         let (x, y) = self.centre[sample];
         let mm = |units: i16| R::of_i32(units.into()) * R::of_f32(1.0 / PER_MM);
@@ -244,7 +244,7 @@ impl<R: Real> Curves<R> {
     /// Total force in a sample, N.
     ///
     /// # Panics
-    /// If there is no such sample.
+    /// If `sample` is not below [`STANCE_SAMPLES`]. From the number of samples on, the result is that of an earlier stance.
     pub fn total_n(&self, sample: usize) -> R {
         self.force_n.iter().map(|force_n| force_n[sample]).sum()
     }

@@ -39,7 +39,8 @@ pub struct LiveTissue<R> {
     pub deformation_m: R,
     /// Model force, N, not negative.
     pub model_n: R,
-    /// The contact area was at least pi A B: deformation and force are lower bounds.
+    /// The contact area was at least pi A B, so the deformation was limited to C: it is a lower bound, and the model force is
+    /// that at this limit.
     pub clamped: bool,
 }
 

@@ -60,7 +60,8 @@ pub struct RegionStep<R> {
     /// NRMSE (Eq. 20): root mean square of model minus measured force over the contact, divided by the largest measured force.
     /// The measured force is not smoothed. 0.1 is 10 %.
     pub model_error: R,
-    /// The area exceeded pi A B in some samples, in which deformation and model force are lower bounds.
+    /// The area exceeded pi A B in some samples, in which the deformation was limited to C: it is a lower bound, and the model
+    /// force is that at this limit.
     pub clamped: bool,
     /// Number of cells that were masked at toe off, at most 255.
     pub masked_cells: u8,

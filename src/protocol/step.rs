@@ -39,7 +39,8 @@ quantities! {
         /// A cell was saturated, so the forces are lower bounds.
         saturated: u8 = record.saturated,
             flags "The code of a cell reached the end of the scale.";
-        /// The contact exceeded the ellipsoid, so deformation and model force are lower bounds.
+        /// The contact exceeded the ellipsoid, so the deformation was limited to C, a lower bound, and the model force is that at
+        /// this limit.
         clamped: u8 = bits(&record.regions, |region| region.clamped),
             flags "The contact area exceeded pi A B.";
         /// The contact rule of the areas.

@@ -13,11 +13,13 @@ from plantar.fitting import Fit, fit, fit_steps, repeat
 from plantar.insole import Event, Insole
 from plantar.options import Options
 from plantar.recording import REGIONS, Recording, Replay, read, replay
+from plantar.walking import Gait, gait
 
 __all__ = [
     "REGIONS",
     "Event",
     "Fit",
+    "Gait",
     "Insole",
     "Options",
     "Recording",
@@ -25,6 +27,7 @@ __all__ = [
     "__version__",
     "fit",
     "fit_steps",
+    "gait",
     "read",
     "repeat",
     "replay",

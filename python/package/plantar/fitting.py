@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import pathlib
-import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
@@ -18,30 +17,11 @@ import pandas as pd
 from plantar import _core
 from plantar.options import AssumedSize, Options
 from plantar.paths import Path, expanded
-from plantar.recording import Recording, by_region, notes_on_units, opened
+from plantar.recording import Recording, Recordings, all_of, by_region
 
 if TYPE_CHECKING:
     import pyarrow
     from matplotlib.figure import Figure
-
-Recordings = Recording | Path | Iterable[Recording | Path]
-
-
-def _recordings(recordings: Recordings) -> list[Recording]:
-    """All recordings, read from their files if necessary, with the warnings of ``read``. To be called by a function that the user
-    calls: the warnings are issued at the place of this call."""
-    # A path as `bytes` is iterable, too, but not a list of recordings.
-    is_single = isinstance(recordings, (Recording, str, bytes, os.PathLike))
-    several: Any = [recordings] if is_single else recordings
-    result = []
-    for recording in several:
-        if not isinstance(recording, Recording):
-            recording = opened(recording)
-            for note in notes_on_units(recording):
-                warnings.warn(note, stacklevel=3)
-        result.append(recording)
-    return result
-
 
 def _check_distinct(recordings: Iterable[Recording], known: dict[bytes, str]) -> None:
     """Raises a ``ValueError`` if a recording has the same pressures as another one, or as one of those in ``known``, the paths
@@ -136,15 +116,15 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     region was fitted, a ``UserWarning`` states the reasons. Further warnings, as ``plantar fit`` prints them, concern recordings
     of both feet and of different sensors, contacts that were left out, and a typical thickness of an assumed shoe size.
     """
-    given = _recordings(recordings)
+    given = all_of(recordings)
     if not given:
         raise ValueError("no recording: give one or more recordings of a person")
     # The cross-validation predicts a step from the other steps. With a copy of the step among them, the predicted error would be
     # too small.
     _check_distinct(given, {})
-    name = _name(given) if participant is None else participant
-    core, notes = _core.identify([recording._core for recording in given], name, options)
+    core, notes = _core.identify([recording._core for recording in given], participant, options)
     fitted = Fit(core)
+    name = fitted.results["participant"]
     # The wording is that of the command line, which ends with exit status 3 if a result is incomplete. Python shows equal
     # warnings of the same line only once. The name of the person makes them different, so that a loop over people shows all.
     defects = [
@@ -162,17 +142,6 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     return fitted
 
 
-def _name(recordings: Sequence[Recording]) -> str:
-    """The name of a person, from the first recording: that of the file and, for both feet, without the word for the foot at its
-    end, which an import appends. This is the rule of the command line."""
-    name = pathlib.Path(recordings[0].path).stem
-    if len({recording.side for recording in recordings}) == 1:
-        return name
-    if name in ("left", "right"):
-        return "both feet"
-    return re.sub(r"[._ -](left|right)$", "", name)
-
-
 def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> pyarrow.Table:
     """Fits each region of each step of a recording separately, like ``plantar cohort``.
 
@@ -183,7 +152,7 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
     """
     import pyarrow
 
-    given = _recordings(recording)
+    given = all_of(recording)
     if len(given) != 1:
         raise ValueError(f"{len(given)} recordings, but fit_steps fits one recording: call it for each of them")
     person = _core.Person(options)
@@ -241,7 +210,7 @@ def repeat(
     known: dict[bytes, str] = {}
     trials_of: list[tuple[str, list[_core.Trial]]] = []
     for name, of_person in recordings_of.items():
-        given = _recordings(of_person)
+        given = all_of(of_person)
         _check_distinct(given, known)
         for side in ("left", "right"):
             of_side = [recording for recording in given if recording.side == side]

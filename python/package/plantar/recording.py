@@ -6,12 +6,14 @@ import math
 import os
 import pathlib
 import warnings
+from collections.abc import Iterable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import pyarrow as pa
 
 from plantar import _core
 from plantar.options import Options
@@ -32,6 +34,7 @@ REGIONS = (
     "toes_35",
 )
 """The names of the regions, from heel to toes."""
+
 
 def by_region(names: pd.Series) -> pd.Categorical:
     """The names of regions as an ordered category: pandas then sorts them from heel to toes instead of by their names."""
@@ -77,40 +80,25 @@ def _remedy_for_live_stream(path: pathlib.Path) -> str | None:
     return None
 
 
-_MOST_FORCE_N = 4000.0
-"""Largest force on a foot that walking and running lead to, N: three times the weight of a runner of 135 kg."""
-_LEAST_EXTENT_MM = 80.0
-"""Least extent of the centres of the cells under a whole foot, mm. The number for the largest foot in cm is smaller."""
-_LEAST_AREA_MM2 = 250.0
-"""Least total area of the cells under a whole foot, mm2. The number for an insole in cm2 is smaller."""
-
-
 def notes_on_units(recording: Recording) -> list[str]:
-    """Notes on values that seem to be in another unit, and on exchanged axes, with the limits of ``plantar import``. A small
-    force leads to none, because a foot may be lifted in the whole recording; a replay without a step has a note."""
-    # In the precision of the pressures, so that they are not copied.
-    largest_n = float((recording.pressure_kpa @ recording._areas_mm2.astype(np.float32)).max(initial=0.0)) * 1e-3
-    cells = recording.cells
-    width_mm, length_mm = (float(np.ptp(cells[name].to_numpy())) for name in ("x_mm", "y_mm"))
-    area_mm2 = float(recording._areas_mm2.sum())
-    if max(width_mm, length_mm) < _LEAST_EXTENT_MM or area_mm2 < _LEAST_AREA_MM2:
-        return [
-            f"{recording.path}: the cells extend over {max(width_mm, length_mm):.1f} mm, and have {area_mm2:.0f} mm2 in "
-            "total. If the layout is that of a whole foot, it is in another unit, and the forces are wrong: state x_mm and "
-            "y_mm in mm, and area_mm2 in mm2"
-        ]
-    notes = []
-    if width_mm > length_mm:
-        notes.append(
-            f"{recording.path}: the layout is wider ({width_mm:.0f} mm) than long ({length_mm:.0f} mm): the axes may be "
-            "exchanged. x_mm increases from the medial to the lateral edge, and y_mm from the heel to the toes"
-        )
-    if largest_n > _MOST_FORCE_N:
-        notes.append(
-            f"{recording.path}: the largest force is {largest_n:.4g} N, more than a foot carries in running: unless the "
-            "recording contains jumps, check that pressures are in kPa, and areas in mm2"
-        )
-    return notes
+    """Notes on values that seem to be in another unit, and on exchanged axes."""
+    return [f"{recording.path}: {warning}" for warning in recording._core.unit_warnings()]
+
+
+def all_of(recordings: Recordings) -> list[Recording]:
+    """All recordings, read from their files if necessary, with the warnings of ``read``. To be called by a function that the user
+    calls: the warnings are issued at the place of this call."""
+    # A path as `bytes` is iterable, too, but not a list of recordings.
+    is_single = isinstance(recordings, (Recording, str, bytes, os.PathLike))
+    several: Any = [recordings] if is_single else recordings
+    result = []
+    for recording in several:
+        if not isinstance(recording, Recording):
+            recording = opened(recording)
+            for note in notes_on_units(recording):
+                warnings.warn(note, stacklevel=3)
+        result.append(recording)
+    return result
 
 
 def replay(
@@ -134,9 +122,77 @@ class Recording:
     def __init__(self, core: _core.Recording) -> None:
         self._core = core
 
+    @staticmethod
+    def from_numpy(
+        pressure_kpa: npt.ArrayLike,
+        cells: pd.DataFrame,
+        *,
+        side: Literal["left", "right"],
+        rate_hz: float,
+        name: str,
+        sensor: str,
+        t_s: npt.ArrayLike | None = None,
+        source: str | None = None,
+    ) -> Recording:
+        """A recording of pressures from another program.
+
+        ``pressure_kpa`` has one row for each frame and one column for each cell, from 0 to 50,000 kPa, and is copied as 32-bit
+        floating-point numbers. ``cells`` has one row for each cell with the columns ``x_mm``, ``y_mm`` and ``area_mm2`` as in
+        ``Recording.cells``, and optionally ``region``; without this column, regions are assigned by the template, as in
+        ``plantar import``. ``name`` is that of the recording in messages, and the default of the person's name in a fit.
+        ``sensor`` is the name of the layout: recordings of one sensor have the same. ``t_s`` has the time of each frame, at
+        ``rate_hz``; the default starts at 0. ``source`` states the origin of the measurement and its processing, in sentences;
+        the default is the name.
+
+        Raises a ``ValueError`` that names the frame or the cell if a value is out of range. A ``UserWarning`` states that the
+        largest force or the cells cannot be those of a foot in walking, as in ``read``.
+        """
+        pressures = np.ascontiguousarray(pressure_kpa, dtype=np.float32)
+        if pressures.ndim != 2 or pressures.shape[1] != len(cells):
+            raise ValueError(
+                f"{name}: pressure_kpa has the shape {pressures.shape}: expected one row for each frame, and one column for each "
+                f"of the {len(cells)} cells"
+            )
+        if missing := [column for column in ("x_mm", "y_mm", "area_mm2") if column not in cells]:
+            raise ValueError(f"{name}: cells has no column {missing[0]}")
+        times = np.arange(len(pressures)) / rate_hz if t_s is None else np.asarray(t_s, dtype=np.float64)
+        if times.shape != (len(pressures),):
+            raise ValueError(f"{name}: t_s has the shape {times.shape}: expected one time for each of {len(pressures)} frames")
+        places = cells[["x_mm", "y_mm", "area_mm2"]].astype(float).itertuples(index=False, name=None)
+        regions = cells["region"].astype(str) if "region" in cells else [None] * len(cells)
+        core = _core.Recording.from_arrays(
+            pa.array(times),
+            pa.array(pressures.ravel()),
+            [(*place, region) for place, region in zip(places, regions, strict=True)],
+            side,
+            rate_hz,
+            name,
+            sensor,
+            f"{name}." if source is None else source,
+        )
+        recording = Recording(core)
+        for note in notes_on_units(recording):
+            warnings.warn(note, stacklevel=2)
+        return recording
+
     def __repr__(self) -> str:
         frames, cells = self.pressure_kpa.shape
         return f"<Recording {self.path}: {self.side} foot, {frames} frames of {cells} cells at {self.rate_hz:g} Hz>"
+
+    def part(self, from_s: float | None = None, to_s: float | None = None) -> Recording:
+        """The frames from ``from_s`` to ``to_s``, both included, s, as a recording with the same times. Contacts that a limit
+        cuts off are no steps. Raises a ``ValueError`` if there is no such frame."""
+        start = 0 if from_s is None else int(self.t_s.searchsorted(from_s, side="left"))
+        end = len(self.t_s) if to_s is None else int(self.t_s.searchsorted(to_s, side="right"))
+        if start >= end:
+            raise ValueError(
+                f"{self.path}: no frame from {from_s} to {to_s} s: the frames are from {self.t_s[0]:g} to {self.t_s[-1]:g} s"
+            )
+        return Recording(self._core.part(start, end))
+
+    def write(self, path: Path) -> None:
+        """Writes the recording to a Parquet file, for ``read`` and the command line."""
+        self._core.write(expanded(path))
 
     @property
     def path(self) -> str:
@@ -232,6 +288,10 @@ class Recording:
         return plots.foot(self)
 
 
+Recordings: TypeAlias = Recording | Path | Iterable[Recording | Path]
+"""One recording or several of them, each a recording or the path of one."""
+
+
 class Replay:
     """The steps of a recording as an insole computes them."""
 
@@ -241,14 +301,11 @@ class Replay:
         self.recording = recording
         params = None if params is None else expanded(params)
         self._arguments = (options, params, precision)
-        records, _, notes = _core.replay(recording._core, *self._arguments, False)
+        records, bouts, _, notes = _core.replay(recording._core, *self._arguments, False)
         for note in notes:
             # At the place where the user called the function or the method `replay`, which creates this object.
             warnings.warn(note, stacklevel=3)
-        steps = records.to_pandas()
-        # An insole counts time from its first scan. The table has the time of the heel strike in the recording instead.
-        steps["start_s"] = recording.t_s[(steps["start_s"] / self._period_s).round().astype(int)]
-        steps["region"] = by_region(steps["region"])
+        steps = self._on_clock_of_recording(records)
         if steps.empty:
             warnings.warn(
                 f"{recording.path}: no step: the largest total force is {recording.force_n.max(initial=0.0):.4g} N; check that "
@@ -261,6 +318,18 @@ class Replay:
         """One row for each region of each step, indexed by ``step`` and ``region``, an ordered category from heel to toes.
         docs/quantities.md describes the columns. ``start_s`` is on the time axis of the recording, as ``frames`` and
         ``fit_steps`` are, and not the time since the first scan. Without a step, the table has all columns and no row."""
+        self.bouts: pd.DataFrame = self._on_clock_of_recording(bouts).set_index(["number", "region"])
+        """The load outside of steps, such as standing: one row for each region of each load bout, indexed by ``number`` and
+        ``region``. Steps and load bouts are numbered together. docs/measures.md describes load bouts. The last one ends with the
+        recording."""
+
+    def _on_clock_of_recording(self, records: pa.RecordBatch) -> pd.DataFrame:
+        """The table of steps or load bouts, with ``start_s`` on the time axis of the recording. An insole counts time from its
+        first scan."""
+        table: pd.DataFrame = records.to_pandas()
+        table["start_s"] = self.recording.t_s[(table["start_s"] / self._period_s).round().astype(int)]
+        table["region"] = by_region(table["region"])
+        return table
 
     def __repr__(self) -> str:
         steps = len(self.steps.index.unique("step"))
@@ -276,7 +345,7 @@ class Replay:
         """The live values of every frame, indexed by the ``t_s`` of the recording, s: columns such as ``heel_area_mm2`` and
         ``total_force_n``. A value that does not exist is NaN, such as the centre of pressure of a region without force.
         docs/exporting.md describes forces, areas and axes, and docs/quantities.md the other columns."""
-        _, frames, _ = _core.replay(self.recording._core, *self._arguments, True)
+        _, _, frames, _ = _core.replay(self.recording._core, *self._arguments, True)
         assert frames is not None
         table: pd.DataFrame = frames.to_pandas()
         # The copy has all columns in one array. Without it, each column has an array of its own, and pandas issues a

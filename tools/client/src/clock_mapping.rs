@@ -10,8 +10,7 @@ const WINDOWS: usize = 60;
 /// Largest plausible drift, us per us: that between two crystals with a tolerance of 50 ppm.
 const MAX_DRIFT: f64 = 100e-6;
 /// If all recent samples, at least [`FAR_SAMPLES`], are above the line by more than this, us, the clock of the host was set back,
-/// and the line is not used. The least delay of the requests within [`RECENT_US`] is shorter, if there are several, also on a
-/// slow link.
+/// and the line is not used. Even on a slow link, the least delay of several requests within [`RECENT_US`] is shorter than this.
 const FAR_US: f64 = 40e3;
 /// Least number of recent samples from which it is concluded that the clock of the host was set back: a page in the background
 /// sends so few requests that the only recent one may be delayed by more than [`FAR_US`].

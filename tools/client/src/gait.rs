@@ -123,7 +123,8 @@ pub struct Stride {
 pub struct FootGait {
     /// The strides from which the measures are computed.
     pub strides: Vec<Stride>,
-    /// Number of pairs of successive steps that are no stride: there is a pause or a missing step between them, or they overlap.
+    /// Number of pairs of successive steps that do not form a stride: there is a pause or a missing step between them, or they
+    /// overlap.
     pub gaps: usize,
     /// Number of strides that are not used, because they do not contain exactly one heel strike of the other foot.
     pub unpaired: usize,
@@ -329,7 +330,7 @@ fn symmetry_percent([left, right]: &[FootGait; 2]) -> [Option<Estimate>; COUNT] 
 }
 
 /// The cadence from the strides of both feet; without a common clock, from the strides of the foot that has more of them.
-/// Strides of the two feet overlap, which makes successive values similar.
+/// Strides of the two feet overlap, which makes successive values similar; the interval of [`Estimate`] takes this into account.
 fn cadence_per_min([left, right]: &[FootGait; 2], has_both_feet: bool, longest_s: f64) -> Option<Estimate> {
     let mut strides: Vec<&Stride> = match (has_both_feet, left.strides.len() >= right.strides.len()) {
         (true, _) => left.strides.iter().chain(&right.strides).collect(),
@@ -350,7 +351,12 @@ fn walking_s(steps: &[Vec<FootStep>; 2], has_both_feet: bool, longest_s: f64) ->
     if !has_both_feet || !steps.iter().all(|steps| is_walk(&steps)) {
         return None;
     }
-    let starts_s = || steps.iter().flatten().map(|step| step.start_s);
-    let time_s = starts_s().fold(f64::MIN, f64::max) - starts_s().fold(f64::MAX, f64::min);
+    let mut starts_s: Vec<f64> = steps.iter().flatten().map(|step| step.start_s).collect();
+    starts_s.sort_by(f64::total_cmp);
+    // Both feet may have walked without a pause, but one after the other.
+    if starts_s.windows(2).any(|pair| pair[1] - pair[0] > longest_s) {
+        return None;
+    }
+    let time_s = starts_s.last()? - starts_s.first()?;
     (time_s > 0.0).then_some(time_s)
 }

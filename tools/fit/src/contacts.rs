@@ -64,6 +64,35 @@ impl Contacts {
     }
 }
 
+/// The contacts that the beginning or the end of a recording cuts off. A contact that the insole rejected is not among them: the
+/// insole counts it.
+#[derive(Debug, Default)]
+pub struct CutOff {
+    contacts: Contacts,
+    /// The time of each contact that was found, s, and the reason why it is no step.
+    found: Vec<(f64, ExclusionReason)>,
+}
+
+impl CutOff {
+    /// As [`Contacts::frame`].
+    pub fn frame<R: Real, const CELLS: usize>(&mut self, t_s: f64, toe_off: bool, insole: &Insole<R, CELLS>) {
+        let reason = self.contacts.frame(t_s, toe_off, insole);
+        self.add(reason);
+    }
+
+    /// The time of the first frame of each contact, s, and the reason why it is no step. `insole` has processed all frames, and
+    /// [`Insole::end_stance`] was called, or the contact of which the toe off is not confirmed is among them.
+    pub fn end<R: Real, const CELLS: usize>(mut self, insole: &Insole<R, CELLS>) -> Vec<(f64, ExclusionReason)> {
+        let reason = self.contacts.end(insole);
+        self.add(reason);
+        self.found
+    }
+
+    fn add(&mut self, reason: Option<ExclusionReason>) {
+        self.found.extend(reason.filter(ExclusionReason::is_cut_off).map(|reason| (self.contacts.start_s, reason)));
+    }
+}
+
 /// The reason if the insole rejected a contact between the counts `before` and `now`; otherwise `None`.
 fn new_rejection(before: &Rejected, now: &Rejected) -> Option<ExclusionReason> {
     if now.short != before.short {

@@ -14,8 +14,8 @@ pub const COMPRESSION: f64 = 0.457;
 /// The parameters of one region that the force does not determine: A/B, d0, and what determines C.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FixedParameters {
-    /// A divided by B: the ratio of the radii of the contact ellipse, which is that of the contact within the borders of the
-    /// region, or 1 without contact ellipses.
+    /// A divided by B: the ratio of the radii of the ellipse that is fitted to the contact within the borders of the region; 1
+    /// without such ellipses. After a search of all eight parameters, the ratio that was found.
     pub aspect: f64,
     /// d0, m.
     pub thickness_m: f64,

@@ -32,8 +32,9 @@ impl Bounds {
     /// contact vanishes.
     pub const LEAST_N: f64 = -0.95;
 
-    /// Bounds with the exponents of the paper, which are at least 0. They allow pi A B to be 1 to 8.3 times the largest area. If
-    /// it were larger, the ellipsoid would be so flat that force is nearly a power of area, and A B and K could not be separated.
+    /// Bounds for a comparison with the paper, in which the exponents are positive; it does not state its bounds. They allow pi A
+    /// B to be 1 to 8.3 times the largest area. If it were larger, the ellipsoid would be so flat that force is nearly a power of
+    /// area, and A B and K could not be separated.
     pub const PAPER: Self = Self {
         max_ratio: [0.12, 0.999_999],
         stiffness_pa: [1e4, 1e7],

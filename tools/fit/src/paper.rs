@@ -28,8 +28,9 @@ const BOUNDS: [(f64, f64); 8] = [
 ];
 /// The factor P of Eq. 19, 1/N.
 const PENALTY_PER_N: f64 = 1.0;
-/// Largest number of iterations of a search.
-const ITERATIONS: usize = 200;
+/// Largest number of points that a search evaluates, those of its line searches included. The evaluations for the finite
+/// differences do not count.
+const MAX_POINTS: usize = 200;
 /// Relative change of the sum of squares below which a search ends.
 const TOLERANCE: f64 = 1e-9;
 /// Step of the finite differences, as a fraction of the range of a variable.
@@ -75,8 +76,8 @@ pub fn identify(samples: &Samples, size_scale: f64) -> (Ellipsoid<f64>, usize) {
         let mut random = fastrand::Rng::with_seed(seed);
         let start = bounds.map(|(least, most)| least + random.f64() * (most - least));
         let tolerances = slsqp::StopTols { ftol_rel: TOLERANCE, ..Default::default() };
-        let ended = slsqp::minimize(with_gradient, &start, &bounds, UNCONSTRAINED, (), ITERATIONS, Some(tolerances));
-        // A search that does not converge returns its last point.
+        let ended = slsqp::minimize(with_gradient, &start, &bounds, UNCONSTRAINED, (), MAX_POINTS, Some(tolerances));
+        // A search that fails, for example because of rounding errors, returns its best point, too.
         let (x, value) = match ended {
             Ok((_, x, value)) => (x, value),
             Err((_, x, value)) => (x, value),

@@ -1,4 +1,5 @@
-//! All integration tests of this package in one program: separate programs would be linked with the same libraries each.
+//! All integration tests of this package in one program: each program of its own would have to be linked with the same
+//! libraries.
 
 // The workspace enables this feature; with `cargo test -p fit` alone, these tests need `--features results`.
 #[cfg(feature = "results")]

@@ -1,4 +1,4 @@
-//! The reasons why a region is not fitted. The other regions are fitted nevertheless.
+//! The reasons why a region is not fitted, the steps that a fit uses, its errors on other steps, and its repeatability.
 
 use fit::interval::RESAMPLES;
 use fit::quality::Evaluated;
@@ -85,8 +85,8 @@ fn many_steps_are_cross_validated_in_groups() {
     }
 }
 
-/// One of five steps is stiffer than the others, so that the noise of all steps is larger than that of the others. Its predicted
-/// error must not depend on this knowledge.
+/// One of five steps is stiffer than the others, so that the residuals of a fit to all five are larger than those of a fit to the
+/// other four. The predicted error of each step must depend on the fit to the others only.
 #[test]
 fn the_predicted_error_of_a_step_is_that_of_a_separate_fit_to_the_others() {
     let mut steps = walk(5, 100.0, Filter::Direct, 0.02, 1);
@@ -155,7 +155,7 @@ fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
     let once = fit(&steps, &options, &|_| ());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     assert_eq!(once, pool.install(|| fit(&steps, &options, &|_| ())));
-    // The steps differ by white noise only, so both kinds of interval have about the same width.
+    // The force differs from the model by white noise only, so both kinds of interval have about the same width.
     for (region, fit) in once.iter().enumerate() {
         let uncertainty = fit.as_ref().expect("fitted").uncertainty.as_ref().expect("intervals");
         for interval in &uncertainty.intervals {

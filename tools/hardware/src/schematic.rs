@@ -128,6 +128,7 @@ impl<'a> Schematic<'a> {
                 let pin = format!("{} of {}", name, part.designator);
                 let found = self.pins.iter().find(|((on, pin), _)| *on == part.designator && pin == number);
                 let (_, at) = found.ok_or_else(|| format!("pin {pin} is not drawn"))?;
+                // There always is one: a pin without wires is in a group of its own.
                 let group = groups.iter().position(|group| group.contains(at));
                 let group = group.ok_or_else(|| format!("pin {pin} is not connected"))?;
                 let labels = || self.labels.iter().filter(|(point, _)| groups[group].contains(point));
@@ -164,7 +165,7 @@ impl<'a> Schematic<'a> {
         groups
     }
 
-    /// Points at which a wire ends on another one, between its ends.
+    /// Points at which a wire ends on another wire, between the ends of that other wire.
     fn junctions(&self) -> Vec<Point> {
         let ends = self.wires.iter().flat_map(|wire| [wire[0], wire[wire.len() - 1]]);
         let inner = |point: Point| {
@@ -245,8 +246,8 @@ impl<'a> Schematic<'a> {
         found.unwrap_or_else(|| panic!("{designator} has no pin {name}")).0
     }
 
-    /// An amplifier: its inverting input is at a point, its other input 20 units below, and its output 60 to the right, midway
-    /// between the inputs.
+    /// An amplifier: its inverting input is at a point, its non-inverting input 20 units below, and its output 60 to the right,
+    /// midway between the inputs.
     fn amplifier(&mut self, (designator, unit): (&str, &str), (x, y): Point) {
         self.body.push(html! {
             path.line d={ "M" (x) " " (y) "h10m-10 20h10M" (x + 10) " " (y - 15) "v50l40 -25zm40 25h10" } {}
@@ -319,7 +320,7 @@ impl<'a> Schematic<'a> {
         self.label((x + 250, y + 10), &input, Side::Right);
     }
 
-    /// A row's switch with its return resistor.
+    /// A row's switch, and the resistor that returns the row to the virtual ground.
     fn row(&mut self, row: usize, x: i32, y: i32) {
         let (designator, unit) = row_switch(row);
         let resistor = format!("R{}", 300 + row);

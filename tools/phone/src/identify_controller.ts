@@ -109,7 +109,10 @@ export class IdentifyController {
     return this.stored.length > 0;
   }
 
-  /** True while the insoles are to answer that they use the new parameters. A refusal does not name its request. */
+  /**
+   * True while the answers of the insoles to the new parameters are awaited. No other request that an insole may refuse is to be
+   * sent meanwhile: a refusal does not name its request.
+   */
   get awaits_answer(): boolean {
     return this.session.phase === "push";
   }
@@ -143,7 +146,7 @@ export class IdentifyController {
   }
 
   /**
-   * Calls `act` unless another tab holds the lock, and holds the lock until the promise of `act` resolves. The session of a
+   * Calls `act` unless another tab holds the lock, and holds the lock until the promise of `act` is settled. The session of a
    * recording, which is not stored, needs no lock; nor does a browser without locks, in which tabs are not distinguished.
    */
   private async locked(act: () => Promise<void>): Promise<void> {
@@ -178,7 +181,7 @@ export class IdentifyController {
       const is_begun = this.session.phase !== "closed";
       if (is_begun) this.stored = [];
       this.redraw();
-      // The lock of a session that has just been closed remains.
+      // If this tab still holds the lock, that of a session that has just been closed, it continues to hold it.
       if (is_begun) await new Promise<void>((resolve) => (this.unlock ??= resolve));
     });
   }
@@ -326,6 +329,7 @@ export class IdentifyController {
     this.session.step(side, step, key, performance.now());
   }
 
+  /** Handles the answer of an insole to a request. Returns true if the insole uses new parameters. */
   insoleAnswer(side: Side, answer: InsoleAnswer): boolean {
     return this.session.insoleAnswer(side, answer, performance.now());
   }

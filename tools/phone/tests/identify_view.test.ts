@@ -78,7 +78,7 @@ test("an interrupted session can be deleted without an insole", () => {
   expect(view("closed")).not.toContain('"data-action":"discard"');
 });
 
-test("an interrupted session is the first that the view shows", () => {
+test("the view begins with an interrupted session, which can be continued or deleted", () => {
   const actions = (text: string) => [...text.matchAll(/"data-action":"(\w+)"/g)].map(([, action]) => action);
   const of = (side: string) => (side === "left" ? { state: "live" } : undefined);
   const insoles = { of } as unknown as Insoles;
@@ -96,7 +96,7 @@ test("after a failure of the computation, the main action reloads the page, and 
   expect(primary(view("failed"))).toEqual(["close"]);
 });
 
-test("a closer phone is advised only for a radio, and no advice is given for a recording", () => {
+test("the advice to hold the phone closer is given only for a radio link, and no advice for a recording", () => {
   const session = { state: "live", hello: { rate_hz: 100 }, rate_hz: () => 2 };
   const of = (side: string) => (side === "left" ? session : undefined);
   const problems = (transport = {}) => startProblems({ insoles: { transport, of } as unknown as Insoles, now_ms: 0 });

@@ -42,7 +42,7 @@ test("without measures, the reason is shown instead of an empty table", () => {
   expect([element("both-feet").hidden, element("both-feet-help").hidden]).toEqual([false, false]);
 });
 
-test("a short load bout has a duration, and a day of standing has no peak", () => {
+test("the duration of a short load bout is not rounded to zero, and a day of standing has no peak", () => {
   const bout = (duration_s: number) =>
     ({ bout: { side: "left", kind: "shuffling", duration_s, regions: {} }, start_unix_s: null }) as unknown as StoredBout;
   drawBouts([bout(0.4)]);

@@ -1,6 +1,6 @@
 //! `plantar export`: writes recordings in the formats of other programs.
 
-use crate::gait::note_different_origins;
+use crate::fit::print_notes;
 use crate::paths::{check_folders, check_written};
 use crate::setup::{InsoleArgs, note_unless_personal, note_unless_same_foot, time};
 use crate::summary::counted;
@@ -8,7 +8,7 @@ use anyhow::{Result, ensure};
 use clap::{Args, Subcommand};
 use export::motion_bids::Names;
 use export::{Foot, Session};
-use recording::{Recording, output};
+use recording::{Recording, note_unless_same_walk, output};
 use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
@@ -129,7 +129,7 @@ impl Options {
         let feet = self.recordings.iter().map(foot).collect::<Result<_>>()?;
         let session = Session::new(feet, self.from, self.to)?;
         if let [first, second] = &session.feet[..] {
-            note_different_origins(&first.source, &second.source);
+            print_notes(note_unless_same_walk(&first.source, &second.source).as_slice());
         }
         Ok(session)
     }

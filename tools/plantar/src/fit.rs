@@ -20,7 +20,7 @@ use plantar::Side;
 use plantar::checksum::crc32;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
-use recording::{FrameSource, Layout, RecordingReader, output};
+use recording::{FrameSource, Layout, RecordingReader, output, without_side};
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write as _;
@@ -43,7 +43,8 @@ pub struct Fit {
     /// The recordings and recorded live streams, all of one person.
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// The parameter file to write [default: params.toml, unless this file has the parameters of another person or foot].
+    /// The parameter file to write [default: params.toml; required if that file has the parameters of another person or foot, or
+    /// is no parameter file].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Write a report with pictures to this HTML file, which can be read without a network. For the report, the fit is repeated
@@ -87,8 +88,8 @@ pub struct Search {
     /// search for eight parameters from ten random starts, which fits the smoothed force (paper).
     #[arg(long, value_enum, default_value_t = MethodName::Projection)]
     method: MethodName,
-    /// The bounds of the exponents: n from -0.95 on, with the prior (free) or, for comparison, at least 0 as in the paper, by
-    /// least squares without a prior (paper). Not used by --method paper.
+    /// The bounds of the exponents: n from -0.95 on, with the prior (free) or, for comparison, at least 0, because n is positive
+    /// in the paper, by least squares without a prior (paper). Not used by --method paper.
     #[arg(long, value_enum, default_value_t = BoundsName::Free)]
     bounds: BoundsName,
     /// Measurements of the tissue: a TOML file with lines such as `heel = 17.5` for the thickness in mm, or with tables such as
@@ -327,7 +328,7 @@ impl Fit {
             if let (true, Some((least, most))) = (study.steps.is_empty(), range) {
                 bail!(
                     "--steps {first}-{last}: the recordings have steps {least} to {most}; the load bouts and alerts between \
-                     them are no steps"
+                     them are not steps"
                 );
             }
         }
@@ -540,34 +541,7 @@ pub fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// A name for both feet: the name of a file of one foot without the word for the foot at its end, which an import appends.
-fn without_side(name: &str) -> &str {
-    let without = |side: Side| match name.strip_suffix(side.name())? {
-        "" => Some("both feet"),
-        start => start.strip_suffix(['.', '-', '_', ' ']),
-    };
-    [Side::Left, Side::Right].into_iter().find_map(without).unwrap_or(name)
-}
-
 /// Writes a file. After a failure, an existing file is unchanged. The message of an error names the file.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     Ok(output::file(path, |to| to.write_all(bytes))?)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::without_side;
-
-    #[test]
-    fn the_name_for_both_feet_has_no_word_for_one_of_them() {
-        for (name, both) in [
-            ("pedar.left", "pedar"),
-            ("ann-right", "ann"),
-            ("left", "both feet"),
-            ("bright", "bright"),
-            ("walk", "walk"),
-        ] {
-            assert_eq!(without_side(name), both);
-        }
-    }
 }

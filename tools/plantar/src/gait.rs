@@ -1,27 +1,26 @@
 //! `plantar gait`: the measures of both feet.
 
-use crate::cut_off::CutOff;
 use crate::fit::live::{self, session};
+use crate::fit::print_notes;
 use crate::paths::{check_folders, check_written};
-use crate::replay::{completed_step, progress, write_text};
-use crate::setup::StanceArgs;
+use crate::replay::{print_cut_off, progress, write_text};
+use crate::setup::{StanceArgs, ZeroArgs};
 use crate::summary::{align, counted, table};
-use crate::tables::check_json;
+use crate::tables::{Format, check_json, write_rows};
 use crate::zero::GRAVITY_M_S2;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::gait::{Estimate, FootGait, FootStep, Gait, Length, MEASURES};
 use client::{ClockMapping, STREAM_INSOLES, are_feet_comparable};
 use plantar::Side;
-use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost};
-use recording::export::{ONE_CONTACT, time_of};
-use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan, is_same_but_for_the_foot, measurement};
+use recording::{FrameSource, Recording, RecordingReader};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use study::walk::{RecordedWalk, check_pair, stride_columns, stride_rows};
 
 /// Computes the measures of both feet: stride, step, stance and swing time, double and single support, cadence and symmetry.
 ///
@@ -44,8 +43,14 @@ pub struct GaitCommand {
     /// Write the measures to this JSON file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write the measures of each stride in use to this table, one row per stride. Its extension, .csv or .parquet, selects the
+    /// format.
+    #[arg(long, value_name = "FILE")]
+    strides: Option<PathBuf>,
     #[command(flatten)]
     stance: StanceArgs,
+    #[command(flatten)]
+    zero: ZeroArgs,
 }
 
 /// Parses the length of a stride. The limits are those of the page.
@@ -68,8 +73,8 @@ struct Walk {
     steps: Vec<(Step, Option<Start>)>,
     /// The load bouts and alerts, which are numbered together with the steps: the foot and the number of each.
     others: Vec<(Side, u32)>,
-    /// The recording that was replayed; `None` if the steps are those of an insole.
-    origin: Option<Origin>,
+    /// The description of the recording that was replayed; `None` if the steps are those of an insole.
+    head: Option<Recording>,
 }
 
 /// The time of a heel strike on a common clock.
@@ -81,76 +86,22 @@ struct Start {
     is_exact: bool,
 }
 
-/// Where a recording comes from.
-struct Origin {
-    /// Frames per second.
-    rate_hz: f64,
-    /// Provenance, in sentences.
-    source: String,
-    /// True for a recording of the cells of an insole.
-    is_of_insole: bool,
-}
-
-impl Origin {
-    /// Refuses two recordings with different rates, and prints a note on stderr if they are not of one measurement.
-    fn check_pair([first, second]: [&Self; 2]) -> Result<()> {
-        if !recording::is_same_rate(first.rate_hz, second.rate_hz) {
-            bail!(
-                "the recordings have different rates ({:.2} and {:.2} Hz), so that times, peak forces and loading of the feet \
-                 cannot be compared: give recordings of one walk, imported with the same --rate, such as --rate 100",
-                first.rate_hz,
-                second.rate_hz
-            );
-        }
-        // The texts of insoles have their serial numbers, which differ between the feet.
-        if !first.is_of_insole && !second.is_of_insole {
-            note_different_origins(&first.source, &second.source);
-        }
-        Ok(())
-    }
-}
-
-/// Prints a note on stderr if the texts on the origins of the recordings of two feet name different measurements, state different
-/// times of measurement, or are of single contacts on a plate.
-pub fn note_different_origins(first: &str, second: &str) {
-    if [first, second].iter().any(|source| source.contains(ONE_CONTACT)) {
-        eprintln!(
-            "note: the recordings ({:?} and {:?}) are not on one clock, because an export of a single contact has times of its \
-             own: measures that compare the times of both feet, such as double support, are not valid",
-            measurement(first),
-            measurement(second)
-        );
-    } else if !is_same_but_for_the_foot(first, second) {
-        eprintln!(
-            "note: the recordings have different origins ({:?} and {:?}): measures of both feet, such as double support and \
-             symmetry, are valid only if both feet were recorded in the same walk, on one clock",
-            measurement(first),
-            measurement(second)
-        );
-    } else if let (Some(first), Some(second)) = (time_of(first), time_of(second))
-        && first != second
-    {
-        eprintln!(
-            "note: the recordings were measured at different times ({first:?} and {second:?}): measures of both feet, such as \
-             double support and symmetry, are valid only if both feet were recorded in the same walk, on one clock"
-        );
-    }
-}
-
 impl GaitCommand {
     pub fn run(&self) -> Result<()> {
-        check_written(&self.walk, &[self.json.as_deref()])?;
-        check_folders(&[self.json.as_deref()])?;
-        check_json(&[self.json.as_deref()], None)?;
+        let written = [&self.json, &self.strides].map(Option::as_deref);
+        check_written(&[&self.walk[..], self.zero.zero.as_slice()].concat(), &written)?;
+        check_folders(&written)?;
+        check_json(&written[..1], Some("--strides"))?;
+        self.strides.as_deref().map(Format::of).transpose()?;
         let stance = self.stance.rule()?;
         let Walk { mut steps, mut others, .. } = Walk::default();
-        let mut origins = Vec::new();
+        let mut heads = Vec::new();
         for path in &self.walk {
-            let added = read(path, stance).with_context(|| path.display().to_string())?;
-            if added.origin.is_none() && self.stance.is_given() {
+            let added = read(path, stance, &self.zero).with_context(|| path.display().to_string())?;
+            if added.head.is_none() && (self.stance.is_given() || self.zero.zero.is_some()) {
                 bail!(
-                    "{} are for recordings of all cells, and the steps in {} were found by an insole: omit the options, or change \
-                     the stance rule of the insole with `plantar insole set` before the walk",
+                    "{} and --zero are for recordings of all cells, and the steps in {} were found by an insole: omit the \
+                     options, or change the stance rule of the insole with `plantar insole set` before the walk",
                     StanceArgs::NAMES,
                     path.display()
                 );
@@ -161,10 +112,10 @@ impl GaitCommand {
             }
             steps.extend(added.steps);
             others.extend(added.others);
-            origins.extend(added.origin);
+            heads.extend(added.head);
         }
-        if let [first, second] = &origins[..] {
-            Origin::check_pair([first, second])?;
+        if let [first, second] = &heads[..] {
+            print_notes(check_pair([first, second])?.as_slice());
         }
         if steps.is_empty() {
             let files: Vec<_> = self.walk.iter().map(|path| path.display().to_string()).collect();
@@ -196,6 +147,9 @@ impl GaitCommand {
                 of(Side::Left),
                 of(Side::Right)
             );
+        }
+        if let Some(path) = &self.strides {
+            write_rows(path, &stride_columns(), [stride_rows(&gait)])?;
         }
         match &self.json {
             Some(path) => write_text(path, &serde_json::to_string_pretty(&gait.to_json(length))?),
@@ -249,16 +203,17 @@ fn retain_comparable(steps: &mut Vec<(Step, Option<Start>)>) -> bool {
     has_common_clock
 }
 
-/// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed with this stance rule.
-fn read(path: &Path, stance: StanceRule) -> Result<Walk> {
+/// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed with this stance rule
+/// and this zero.
+fn read(path: &Path, stance: StanceRule, zero: &ZeroArgs) -> Result<Walk> {
     // A folder without a table of steps is a recording of all cells in parts, which is replayed.
     if path.join("steps").is_dir() {
         let steps = session::timed_steps(path)?.into_iter().map(|(step, start_s, is_exact)| {
             (step, start_s.map(|start_s| Start { us: (start_s * 1e6).round() as u64, is_exact }))
         });
-        return Ok(Walk { steps: steps.collect(), others: session::other_records(path)?, origin: None });
+        return Ok(Walk { steps: steps.collect(), others: session::other_records(path)?, head: None });
     }
-    if live::is_stream(path) { from_stream(path) } else { from_recording(path, stance) }
+    if live::is_stream(path) { from_stream(path) } else { from_recording(path, stance, zero) }
 }
 
 /// Number of time messages ([`ToHost::Time`]) of an insole after which the offset of its clock from that of the host is known
@@ -336,55 +291,26 @@ fn from_stream(path: &Path) -> Result<Walk> {
         set_times(&mut steps, untimed, mapping);
     }
     messages.note_unused(&path.display().to_string());
-    Ok(Walk { steps, others, origin: None })
+    Ok(Walk { steps, others, head: None })
 }
 
 /// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column, which
 /// two recordings have in common unless they are of insoles.
-fn from_recording(path: &Path, stance: StanceRule) -> Result<Walk> {
+fn from_recording(path: &Path, stance: StanceRule, zero: &ZeroArgs) -> Result<Walk> {
     let source = FrameSource::from(RecordingReader::open(path)?);
-    let virtual_insole = study::virtual_insole(&source, ContactRule::COUNTED, stance)?;
-    let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
-    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
-    let head = source.head();
-    let is_of_insole = head.layout.is_of_insole();
-    let origin = Origin { rate_hz: head.rate_hz, source: head.source.clone(), is_of_insole };
-    let mut walk = Walk { origin: Some(origin), ..Walk::default() };
-    // The times of the frames so far.
-    let (mut times_s, mut cut_off) = (Vec::<f64>::new(), CutOff::default());
-    let mut add_records = |toe_off: bool, insole: &mut Insole<f32, MAX_CELLS>, times_s: &[f64]| {
-        let time_us = |insole_us: u64| {
-            let t_s = times_s.get(virtual_insole.frame_at(insole_us)).or(times_s.last());
-            t_s.map_or(0, |t_s| (t_s * 1e6).round() as u64)
-        };
-        if let Some(step) = completed_step(toe_off, insole) {
-            let start_us = time_us(step.start_us);
-            let duration_us = time_us(step.start_us + u64::from(step.duration_us)).saturating_sub(start_us) as u32;
-            let start = (!is_of_insole).then_some(Start { us: start_us, is_exact: true });
-            walk.steps.push((Step { start_us, duration_us, ..step }, start));
-        }
-        walk.others.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
-    };
+    let head = source.head().clone();
+    let mut insole = study::virtual_insole(&source, ContactRule::COUNTED, stance)?;
+    zero.apply(&mut insole)?;
     let bar = progress(source.frames() as u64, "frames");
-    let mut scans = virtual_insole.scans(source);
-    // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
-    while let Some(Scan { index, t_s: Some(t_s), codes }) = scans.next_scan()? {
-        if t_s < 0.0 {
-            bail!("the time column begins at {t_s} s: shift it, so that it begins at 0 or later");
-        }
-        times_s.push(t_s);
-        let toe_off = insole.frame(index as u32, codes);
-        cut_off.frame(t_s, toe_off, &insole);
-        add_records(toe_off, &mut insole, &times_s);
-        if index.is_multiple_of(4096) {
-            bar.set_position(index as u64);
-        }
-    }
-    let toe_off = insole.end_stance();
-    add_records(toe_off, &mut insole, &times_s);
+    let found = RecordedWalk::find(&insole, source, &mut |done| bar.set_position(done as u64))?;
     bar.finish_and_clear();
-    cut_off.print(&insole, path);
-    Ok(walk)
+    print_cut_off(&found.cut_off, path);
+    let start = |step: &Step| (!head.layout.is_of_insole()).then_some(Start { us: step.start_us, is_exact: true });
+    Ok(Walk {
+        steps: found.steps.iter().map(|step| (*step, start(step))).collect(),
+        others: found.bouts.iter().map(|number| (head.side, *number)).collect(),
+        head: Some(head),
+    })
 }
 
 /// Prints the measures as a table.

@@ -1,6 +1,6 @@
 //! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
-use crate::gait::note_different_origins;
+use crate::fit::print_notes;
 use crate::paths::check_written;
 use crate::replay::progress;
 use crate::setup::time;
@@ -9,7 +9,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use plantar::Side;
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{
-    EarlierRecording, Export, Format, Options, Recording, Span, csv, export, footprint, jiku, output, pedar,
+    EarlierRecording, Export, Format, Options, Recording, Span, csv, export, footprint, jiku, note_unless_same_walk,
+    output, pedar,
 };
 use std::path::{Path, PathBuf};
 use std::slice;
@@ -411,7 +412,7 @@ impl Out {
         }
         let is_pair = left + right == 2;
         if let [first, second] = &export.feet[..] {
-            note_different_origins(&first.source, &second.source);
+            print_notes(note_unless_same_walk(&first.source, &second.source).as_slice());
         }
         // For a folder, the names would be appended to its own name: `walks/` would result in the hidden file
         // `walks/.left.parquet`.

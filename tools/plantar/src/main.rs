@@ -4,7 +4,6 @@ mod calibrate;
 mod carrier;
 mod cells;
 mod cohort;
-mod cut_off;
 mod emulate;
 #[cfg(feature = "export")]
 mod export;

@@ -11,15 +11,13 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::{ClockMapping, ReconnectPolicy};
 use parameters::DeformationScale;
-use plantar::protocol::{
-    Alert, Bout, BoutRegion, CellFrame, CellStream, Live, LiveRegion, LoadRecord, Resolution, ToDevice,
-};
+use plantar::protocol::{Alert, CellFrame, CellStream, Live, LiveRegion, LoadRecord, Resolution, ToDevice};
 use plantar::{Region, Side, sequence};
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use study::records::{columns, flag_columns, step_row};
+use study::records::{bout_row, columns, flag_columns, step_row};
 use study::table::{self, Row, Value};
 
 /// Stores live frames, steps, load bouts and alerts of an insole in a folder of Parquet files.
@@ -253,7 +251,7 @@ impl Sink for Recorder<'_> {
         for (i, region) in Region::ALL.iter().enumerate() {
             let (rows, columns) = match record {
                 LoadRecord::Step(step) => (&mut self.steps, step_row(step, i)),
-                LoadRecord::Bout(bout) => (&mut self.bouts, bout_row(bout, i, region.name())),
+                LoadRecord::Bout(bout) => (&mut self.bouts, bout_row(bout, i)),
                 LoadRecord::Alert(alert) => (&mut self.alerts, alert_row(alert, i, region.name())),
             };
             let mut row: Row = vec![("session", self.session.into())];
@@ -294,15 +292,6 @@ impl Sink for Recorder<'_> {
 /// Converts microseconds to seconds.
 fn seconds(us: u64) -> f64 {
     us as f64 / 1e6
-}
-
-/// The row of the region with index `i` and name `region` in a load bout.
-fn bout_row(bout: &Bout, i: usize, region: &str) -> Row {
-    let mut row: Row = vec![("side", bout.side.name().into())];
-    row.extend(columns(Bout::QUANTITIES, bout));
-    row.extend([("kind", bout.kind.name().into()), ("region", region.into())]);
-    row.extend(columns(BoutRegion::QUANTITIES, &bout.regions[i]));
-    row
 }
 
 /// The row of the region with index `i` and name `region` in an alert.

@@ -1,6 +1,5 @@
 //! `plantar replay`: runs the insole's own code on this computer.
 
-use crate::cut_off::CutOff;
 use crate::fit::write;
 use crate::frames::FrameWriter;
 use crate::paths::{check_folders, check_written};
@@ -12,7 +11,8 @@ use crate::tables::{self, Format};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
-use fit::steps::LIFT_THE_FOOT;
+use fit::contacts::CutOff;
+use fit::steps::{ExclusionReason, LIFT_THE_FOOT};
 use indicatif::{ProgressBar, ProgressStyle};
 use plantar::Real;
 use plantar::insole::Insole;
@@ -201,7 +201,7 @@ impl Replay {
             frames.finish()?;
         }
         match has_swing {
-            true => cut_off.print(&insole, &self.recording),
+            true => print_cut_off(&cut_off.end(&insole), &self.recording),
             false => eprintln!("note: no swing was recognised: {LIFT_THE_FOOT}"),
         }
         if let Some(line) = summary::rejected_line(&insole.rejected()) {
@@ -218,6 +218,13 @@ impl Replay {
 /// The step of which the last frame confirmed toe off, if it did. The toe off itself was some frames earlier.
 pub fn completed_step<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>) -> Option<Step> {
     toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step))
+}
+
+/// Prints a line for each contact that the beginning or the end of the recording `path` cuts off: its time, s, and the reason.
+pub fn print_cut_off(contacts: &[(f64, ExclusionReason)], path: &Path) {
+    for (at_s, reason) in contacts {
+        println!("left out: {} at {at_s:.2} s, {reason}", path.display());
+    }
 }
 
 /// Writes the text and a final line break to a file.

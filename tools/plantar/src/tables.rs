@@ -1,4 +1,4 @@
-//! The formats of tables, and the table of the steps of a recording.
+//! The formats of tables, and the writing of tables.
 
 use anyhow::{Result, bail};
 use plantar::Region;
@@ -52,23 +52,28 @@ pub fn check_json(written: &[Option<&Path>], table: Option<&str>) -> Result<()> 
 /// Writes a table with one row for each region of each step, with the columns of [`step_row`]. `starts_s` has the heel strikes
 /// on the clock of the recording.
 pub fn write_steps(path: &Path, steps: &[Step], starts_s: &[f64]) -> Result<()> {
-    let format = Format::of(path)?;
     let steps: Vec<(&Step, f64)> = steps.iter().zip(starts_s.iter().copied()).collect();
     let rows = |steps: &[(&Step, f64)]| -> Vec<Row> {
         let of_step = |&(step, start_s)| (0..Region::ALL.len()).map(move |region| timed_row(step, start_s, region));
         steps.iter().flat_map(of_step).collect()
     };
-    let groups = steps.chunks(STEPS_PER_GROUP).map(rows);
+    write_rows(path, &step_columns(), steps.chunks(STEPS_PER_GROUP).map(rows))
+}
+
+/// Writes groups of rows as a table, in the format of the extension of `path`. All rows have the columns of `columns`, of which
+/// only the names and types are used. In Parquet, each group is a row group.
+pub fn write_rows(path: &Path, columns: &Row, groups: impl IntoIterator<Item = Vec<Row>>) -> Result<()> {
+    let format = Format::of(path)?;
     Ok(output::file(path, |to| match format {
         Format::Csv => {
             let mut file = csv::Writer::from_writer(to);
-            file.write_record(step_columns().iter().map(|(name, _)| name))?;
-            for row in groups.flatten() {
+            file.write_record(columns.iter().map(|(name, _)| name))?;
+            for row in groups.into_iter().flatten() {
                 file.write_record(row.iter().map(|(_, value)| value.to_field()))?;
             }
             file.flush()
         }
-        Format::Parquet => to_parquet(to, None, &step_columns(), groups).map(|_| ()).map_err(io::Error::other),
+        Format::Parquet => to_parquet(to, None, columns, groups).map(|_| ()).map_err(io::Error::other),
     })?)
 }
 

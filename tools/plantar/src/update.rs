@@ -23,7 +23,7 @@ const TRIAL_TIMEOUT: Duration = Duration::from_secs(30);
 /// the insole restores the previous firmware.
 #[derive(Args)]
 pub struct Update {
-    /// The signed image, from `cargo xtask image`.
+    /// The signed image: plantar-BOARD-VERSION.bin of a release, or a file from `cargo xtask image`.
     file: PathBuf,
     #[command(flatten)]
     connection: Connection,
@@ -124,9 +124,10 @@ fn wait_for_trial(image: &Image, insole: &mut InsoleLink) -> Result<()> {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
-                "{} runs, but it did not pass all checks (measuring, storing, answering by radio), so it is not confirmed: \
-                 unless it passes them later, the insole restores the previous version within 15 minutes, or at once \
-                 when you switch it off and on",
+                "{} runs, but is not confirmed. Either it did not pass all checks (measuring, storing, answering by radio): \
+                 unless it passes them later, the insole restores the previous version within 15 minutes. Or the insole could \
+                 not store the confirmation, for example with an empty battery: charge it, and the insole repeats the attempt \
+                 each minute. If it is switched off before, it restores the previous version at once",
                 image.header().version()
             ),
             Err(error @ Error::Refused(_)) => return Err(error.into()),

@@ -26,8 +26,8 @@ const GOOD_PERCENT: f64 = 10.0;
 /// F-Scan and XSENSOR, fits the layout to each recording: import a walk first, then the standing trial with --like and the name
 /// of the walk, and likewise all other walks.
 ///
-/// The option --zero of `plantar fit`, `plantar replay`, `plantar export`, `plantar repeat`, `plantar emulate` and
-/// `plantar serve` accepts the file.
+/// The option --zero of `plantar fit`, `plantar replay`, `plantar gait`, `plantar export`, `plantar repeat`, `plantar emulate`
+/// and `plantar serve` accepts the file.
 #[derive(Args)]
 pub struct Zero {
     /// The standing trial: the recording of one foot, or the recordings of both feet in the same trial.

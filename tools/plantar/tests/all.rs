@@ -1,4 +1,5 @@
-//! All integration tests of the command line in one program: separate programs would be linked with the same libraries each.
+//! All integration tests of the command line in one program: each program of its own would have to be linked with the same
+//! libraries.
 
 mod bluetooth;
 #[cfg(all(target_os = "linux", feature = "ble"))]

@@ -1,7 +1,6 @@
 //! The Parquet file of one foot. It has one column for the time and one column for each cell. All other fields of a recording
 //! are stored as JSON in the metadata of the file.
 
-use crate::check::{self, At};
 use crate::{Error, Layout, Recording, Result, names, output};
 use parquet::basic::{Compression, Repetition, Type as PhysicalType};
 use parquet::data_type::{DoubleType, FloatType};
@@ -45,11 +44,7 @@ struct Version {
 /// See [`Recording::write`]. The file is written under a temporary name and renamed when it is complete, so that an
 /// interruption does not damage an existing file.
 pub fn write(recording: &Recording, path: &Path) -> Result<()> {
-    check::recording(recording, &|at| match at {
-        At::Whole => path.display().to_string(),
-        At::Frame(frame) => format!("{}: frame {frame}", path.display()),
-        At::Value { frame, cell } => format!("{}: frame {frame}, cell {cell}", path.display()),
-    })?;
+    recording.check(&path.display().to_string())?;
     let metadata = Metadata {
         version: VERSION,
         side: recording.side,

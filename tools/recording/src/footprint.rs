@@ -144,68 +144,107 @@ impl Footprint<'_> {
 /// unit, to have exchanged axes, to be upside down or to be mirrored. A second one concerns pressures that seem to be in another
 /// unit, unless the layout seems to be in another unit. Empty if none applies.
 pub fn warnings(recording: &Recording) -> Vec<String> {
+    let layout = size_warning(recording).or_else(|| orientation_warning(recording));
+    layout.into_iter().chain(force_warning(recording, LEAST_FORCE_N)).collect()
+}
+
+/// Those of the [`warnings`] that apply to any recording, whatever the person does: the layout seems to be in another unit or to
+/// have exchanged axes, and the largest force is larger than that of a person.
+pub fn unit_warnings(recording: &Recording) -> Vec<String> {
+    size_warning(recording).into_iter().chain(force_warning(recording, 0.0)).collect()
+}
+
+/// The extents of the centres of the cells of a layout, and the total area of the cells.
+struct Size {
+    width_mm: f64,
+    length_mm: f64,
+    area_mm2: f64,
+}
+
+impl Size {
+    fn new(cells: &[Cell]) -> Self {
+        let extent_mm = |along: fn(&Cell) -> f64| {
+            let all_mm = || cells.iter().map(along);
+            all_mm().fold(f64::NEG_INFINITY, f64::max) - all_mm().fold(f64::INFINITY, f64::min)
+        };
+        let area_mm2 = cells.iter().map(|cell| cell.area_mm2).sum();
+        Self { width_mm: extent_mm(|c| c.x_mm), length_mm: extent_mm(|c| c.y_mm), area_mm2 }
+    }
+
+    /// True if the layout of a whole foot must be in another unit.
+    fn is_in_other_unit(&self) -> bool {
+        self.width_mm.max(self.length_mm) < LEAST_EXTENT_MM || self.area_mm2 < LEAST_AREA_MM2
+    }
+}
+
+/// A warning if the layout seems to be in another unit, or to have exchanged axes.
+fn size_warning(recording: &Recording) -> Option<String> {
+    let size @ Size { width_mm, length_mm, area_mm2 } = &Size::new(&recording.layout.cells);
+    let side = recording.side.name();
+    if size.is_in_other_unit() {
+        Some(format!(
+            "The cells of the {side} foot extend over {:.1} mm, and have {area_mm2:.0} mm2 in total. If the layout is that of a \
+             whole foot, it is in another unit, and the forces are wrong: state x_mm and y_mm in mm, and area_mm2 in mm2.",
+            width_mm.max(*length_mm)
+        ))
+    } else if width_mm > length_mm {
+        Some(format!(
+            "The layout of the {side} foot is wider ({width_mm:.0} mm) than long ({length_mm:.0} mm): the axes may be \
+             exchanged. x_mm increases from the medial to the lateral edge, and y_mm from the heel to the toes."
+        ))
+    } else {
+        None
+    }
+}
+
+/// A warning if the foot seems to be upside down or mirrored in its layout.
+fn orientation_warning(recording: &Recording) -> Option<String> {
     let cells = &recording.layout.cells;
     let under_foot = vec![true; cells.len()];
     let footprint = Footprint { cells, under_foot: &under_foot, pressure_kpa: &recording.pressure_kpa };
-    let mut warnings = Vec::new();
-    let [back_mm, front_mm] = footprint.extent_mm(|c| c.y_mm);
     let movements_mm = footprint.movements_mm();
-    let least_mm = LEAST_MOVEMENT * (front_mm - back_mm);
+    let least_mm = LEAST_MOVEMENT * Size::new(cells).length_mm;
     // While a person stands, the centre of pressure does not move from end to end.
     let mut steps_mm = movements_mm.iter().map(|m| m[1]).filter(|y_mm| y_mm.abs() > least_mm).peekable();
     let is_upside_down = steps_mm.peek().is_some() && steps_mm.all(|y_mm| y_mm < 0.0);
-    let [medial_mm, lateral_mm] = footprint.extent_mm(|c| c.x_mm);
-    let (width_mm, length_mm) = (lateral_mm - medial_mm, front_mm - back_mm);
-    let area_mm2: f64 = cells.iter().map(|cell| cell.area_mm2).sum();
-    let is_in_other_unit = width_mm.max(length_mm) < LEAST_EXTENT_MM || area_mm2 < LEAST_AREA_MM2;
-    if is_in_other_unit {
-        warnings.push(format!(
-            "The cells of the {} foot extend over {:.1} mm, and have {area_mm2:.0} mm2 in total. If the layout is that of a \
-             whole foot, it is in another unit, and the forces are wrong: state x_mm and y_mm in mm, and area_mm2 in mm2.",
-            recording.side.name(),
-            width_mm.max(length_mm)
-        ));
-    } else if width_mm > length_mm {
-        warnings.push(format!(
-            "The layout of the {} foot is wider ({width_mm:.0} mm) than long ({length_mm:.0} mm): the axes may be exchanged. \
-             In a layout file, x_mm increases from the medial to the lateral edge, and y_mm from the heel to the toes.",
-            recording.side.name()
-        ));
-    } else if is_upside_down {
-        warnings.push(format!(
-            "The {} foot looks upside down: the forefoot is loaded before the heel in every step. \
-             If the person did not walk backwards, turn the layout by 180 degrees in the vendor's program, or correct \
-             y_mm in a layout file.",
-            recording.side.name()
-        ));
-    } else if footprint.lateral_asymmetry().is_some_and(|asymmetry| asymmetry < -LEAST_ASYMMETRY)
-        && lesser_toes_exceed_hallux(recording)
-    {
-        warnings.push(format!(
-            "The {} foot looks mirrored: the lesser toes carry more than the hallux, and the load of midfoot and toes \
-             is distributed as in the other foot. If it is the other foot, state it with --side; otherwise mirror the \
-             layout in the vendor's program, or correct x_mm in a layout file.",
-            recording.side.name()
-        ));
+    let is_mirrored = || {
+        footprint.lateral_asymmetry().is_some_and(|asymmetry| asymmetry < -LEAST_ASYMMETRY)
+            && lesser_toes_exceed_hallux(recording)
+    };
+    let side = recording.side.name();
+    if is_upside_down {
+        Some(format!(
+            "The {side} foot looks upside down: the forefoot is loaded before the heel in every step. If the person did not \
+             walk backwards, turn the layout by 180 degrees in the vendor's program, or correct y_mm in a layout file."
+        ))
+    } else if is_mirrored() {
+        Some(format!(
+            "The {side} foot looks mirrored: the lesser toes carry more than the hallux, and the load of midfoot and toes is \
+             distributed as in the other foot. If it is the other foot, state it with --side; otherwise mirror the layout in \
+             the vendor's program, or correct x_mm in a layout file."
+        ))
+    } else {
+        None
     }
-    warnings.extend(force_warning(recording).filter(|_| !is_in_other_unit));
-    warnings
 }
 
-/// A warning if the largest force cannot be that of a step, because the pressures may be in another unit. A recording without any
-/// load leads to none.
-fn force_warning(recording: &Recording) -> Option<String> {
+/// A warning if the largest force is less than `least_n` or larger than that of a person, because the pressures may be in another
+/// unit. A recording without any load leads to none, and neither does a layout that seems to be in another unit.
+fn force_warning(recording: &Recording, least_n: f64) -> Option<String> {
+    if Size::new(&recording.layout.cells).is_in_other_unit() {
+        return None;
+    }
     let largest_n = (0..recording.frames()).map(|i| recording.force_n(i)).fold(0.0, f64::max);
     let reason = if largest_n > MOST_FORCE_N {
         "more than a foot carries in running: unless the recording contains jumps, check"
-    } else if 0.0 < largest_n && largest_n < LEAST_FORCE_N {
+    } else if 0.0 < largest_n && largest_n < least_n {
         "less than that of a person of 20 kg in walking: if the recording contains a step on the whole foot, check"
     } else {
         return None;
     };
     Some(format!(
-        "The largest force on the {} foot is {} N, {reason} the unit of the pressures or forces in the export. A file for \
-         `plantar import csv` states pressures in kPa.",
+        "The largest force on the {} foot is {} N, {reason} the unit of the pressures or forces in the original data. Pressures \
+         of a recording, and those in a file for `plantar import csv`, are in kPa.",
         recording.side.name(),
         significant(largest_n)
     ))

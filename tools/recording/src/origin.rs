@@ -1,10 +1,11 @@
 //! Whether recordings are of one measurement, or of one sensor, by the texts on their origins and the names of their layouts.
 
 use crate::Layout;
+use crate::export::{ONE_CONTACT, time_of};
 
 /// The part of the text on the origin of a recording that names the system and the file. An import writes it first, up to a
 /// comma or the end of a sentence.
-pub fn measurement(source: &str) -> &str {
+fn measurement(source: &str) -> &str {
     let named = source.split(',').next().unwrap_or_default();
     named.split(". ").next().unwrap_or_default().trim_end_matches('.')
 }
@@ -12,7 +13,7 @@ pub fn measurement(source: &str) -> &str {
 /// True if two texts, up to a comma or the end of a sentence, differ at most in the words left and right, and in the letters L
 /// and R. Two recordings with such texts on their origins are of the same measurement, for example those of the files
 /// `FrasP01L_m.asf` and `FrasP01R_m.asf`.
-pub fn is_same_but_for_the_foot(first: &str, second: &str) -> bool {
+fn is_same_but_for_the_foot(first: &str, second: &str) -> bool {
     let [first, second] = [first, second].map(|text| {
         let named = measurement(text).to_lowercase();
         named.replace("left", "l").replace("right", "r")
@@ -20,6 +21,31 @@ pub fn is_same_but_for_the_foot(first: &str, second: &str) -> bool {
     let is_foot = |letter| letter == 'l' || letter == 'r';
     first.chars().count() == second.chars().count()
         && first.chars().zip(second.chars()).all(|(a, b)| a == b || is_foot(a) && is_foot(b))
+}
+
+/// A note if the texts on the origins of the recordings of two feet name different measurements, state different times of
+/// measurement, or are of single contacts on a plate; otherwise `None`.
+pub fn note_unless_same_walk(first: &str, second: &str) -> Option<String> {
+    let [first_named, second_named] = [first, second].map(measurement);
+    if [first, second].iter().any(|source| source.contains(ONE_CONTACT)) {
+        Some(format!(
+            "the recordings ({first_named:?} and {second_named:?}) are not on one clock, because an export of a single contact \
+             has times of its own: measures that compare the times of both feet, such as double support, are not valid"
+        ))
+    } else if !is_same_but_for_the_foot(first, second) {
+        Some(format!(
+            "the recordings have different origins ({first_named:?} and {second_named:?}): measures of both feet, such as \
+             double support and symmetry, are valid only if both feet were recorded in the same walk, on one clock"
+        ))
+    } else {
+        let (first, second) = (time_of(first)?, time_of(second)?);
+        (first != second).then(|| {
+            format!(
+                "the recordings were measured at different times ({first:?} and {second:?}): measures of both feet, such as \
+                 double support and symmetry, are valid only if both feet were recorded in the same walk, on one clock"
+            )
+        })
+    }
 }
 
 /// A note if recordings, given by name and layout, are of different sensors, or have cells of different sizes; otherwise `None`.

@@ -2,8 +2,8 @@
 //! sensors.
 //!
 //! Below the line that begins with `time[secs]` and names the sensors, each line has the time and the pressures. Further tables
-//! may follow. The lines from `x[0]` to `y[3]`, or from `x[1]` to `y[4]`, state the corners of the sensors in cm, x to the right
-//! and y to the top, as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
+//! may follow. The lines from `x[0]` to `y[3]`, or from `x[1]` to `y[4]`, state the corners of the sensors in cm in the plan
+//! view of the mat, with x to the right and y upwards. The sensors of a mat for feet are equal rectangles in rows and columns.
 
 use crate::assembly::ParsedExport;
 use crate::export::{ONE_CONTACT, measured_at};
@@ -23,8 +23,8 @@ const FIRST_CORNER: [&str; 2] = ["x[0]", "x[1]"];
 
 /// True for the text of a pliance export with the corners of the sensors.
 pub fn recognise(text: &str) -> bool {
-    // Only the first 40 lines are searched for the table, because its header is short, and the text of another format may be
-    // long. The corners are below the table, at any line.
+    // Only the first 40 lines are searched for the table, because the header of a pliance export is short, and the text of
+    // another format may be long. The corners are below the table, at any line.
     text.lines().take(40).any(|line| strip_name(line, TIME_COLUMN).is_some())
         && FIRST_CORNER.iter().any(|name| has_line(text, name))
 }

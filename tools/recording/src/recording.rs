@@ -1,7 +1,10 @@
 //! A recording in memory.
 
+use crate::check::{self, At};
+use crate::text::seconds;
 use crate::{Layout, RecordingReader, Result, bins, file, rate};
 use plantar::Side;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The pressure under one foot over time.
@@ -78,6 +81,39 @@ impl Recording {
     /// Fails in the same cases as [`Recording::read`].
     pub fn parse_parts(parts: Vec<(PathBuf, Vec<u8>)>, folder: &Path) -> Result<Self> {
         RecordingReader::parse_parts(parts, folder)?.whole()
+    }
+
+    /// Checks the rules of recordings. `name` names the recording in messages.
+    ///
+    /// # Errors
+    /// Fails if the recording violates a rule that [`Recording::read`] checks.
+    pub fn check(&self, name: &str) -> Result<()> {
+        check::recording(self, &|at| match at {
+            At::Whole => name.to_string(),
+            At::Frame(frame) => format!("{name}: frame {frame}"),
+            At::Value { frame, cell } => format!("{name}: frame {frame}, cell {cell}"),
+        })
+    }
+
+    /// The recording of these frames only, with their times. The source states the part, unless it is the whole recording.
+    ///
+    /// # Panics
+    /// Panics if the recording does not have these frames, or if there are none.
+    pub fn part(&self, frames: Range<usize>) -> Self {
+        let t_s = self.t_s[frames.clone()].to_vec();
+        let sentence = match frames.len() == self.frames() {
+            true => String::new(),
+            false => format!(" Only the frames from {} to {} s.", seconds(t_s[0]), seconds(t_s[t_s.len() - 1])),
+        };
+        let cells = self.cells();
+        Self {
+            side: self.side,
+            layout: self.layout.clone(),
+            rate_hz: self.rate_hz,
+            source: format!("{}{sentence}", self.source),
+            pressure_kpa: self.pressure_kpa[frames.start * cells..frames.end * cells].to_vec(),
+            t_s,
+        }
     }
 
     /// Writes the recording to Parquet: a column `t_s` in seconds, columns `c0_kpa`, `c1_kpa`, ..., and side, rate, source and

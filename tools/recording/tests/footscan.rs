@@ -47,7 +47,7 @@ fn a_second_step_of_a_foot_is_refused_with_its_line() {
     assert_message(parse(&twice), &format!("step.txt:{line}: "), &["second step", "file of its own"]);
 }
 
-/// Number of unloaded frames that the import adds before and after those of the file: 0.4 s.
+/// Number of unloaded frames that the import adds at each end of those of the file: 0.4 s at 500 Hz.
 const ADDED: usize = 200;
 
 #[test]
@@ -75,7 +75,7 @@ fn the_added_frames_without_load_have_the_mean_interval() {
 }
 
 #[test]
-fn frames_closer_than_any_plate_records_are_refused() {
+fn frames_at_a_higher_rate_than_any_plate_records_are_refused() {
     let text = "Right foot data\nFrame 0 (0.00 ms)\n1\t1\n1\t1\nFrame 1 (0.01 ms)\n1\t1\n1\t1\n";
     assert_message(parse(text), "step.txt: ", &["1e-5 s", "times"]);
 }
@@ -144,7 +144,7 @@ fn an_excel_file_is_imported() {
 }
 
 #[test]
-fn an_excel_file_with_a_record_beyond_its_end_is_refused_with_the_place() {
+fn an_excel_file_with_a_record_that_exceeds_the_file_is_refused_with_the_place() {
     let mut file = include_bytes!("../../../fuzz/corpus/vendor/footscan-xls")[1..].to_vec();
     // The stream with the workbook follows the header of the file, which has 512 bytes. The last number of the sheet is in a
     // record of type 0x0203 with 14 bytes.
@@ -181,9 +181,9 @@ fn two_feet_that_begin_loaded_at_the_same_time_lead_to_a_remark() {
     let values = right[frame.clone()].replace(|c: char| ('1'..='9').contains(&c), "0");
     let unloaded = right.replacen(&right[frame], &values, 1);
     assert!(!has_remark(&unloaded));
-    let one =
-        |side| common::parse(Format::Footscan, "step.txt", file(&right).as_bytes(), side).unwrap().remarks.join(" ");
-    assert!(!one(None).contains("between the feet"));
+    // A file of one foot has no such remark.
+    let of_one_foot = parse(&file(&right)).unwrap().remarks.join(" ");
+    assert!(!of_one_foot.contains("between the feet"));
 }
 
 /// Both feet are cut off in the middle of their steps.

@@ -112,8 +112,9 @@ impl IntervalChart {
         self.is_logarithmic && self.ends().any(|end| end <= 0.0)
     }
 
-    /// The scale. It covers all intervals, but extends at most a decade beyond the values, or three times their range on a linear
-    /// axis. The ends of a logarithmic axis differ by a factor of at least 5, so that it has two round values.
+    /// The scale. It covers all intervals, but a logarithmic axis extends at most by a factor of 12 beyond the values, and a
+    /// linear axis, which contains 0, at most by three times the range of the values and 0. The ends of a logarithmic axis differ
+    /// by a factor of at least 5, so that it has two round values.
     fn scale(&self) -> Scale {
         let positions = [LEFT, WIDTH - RIGHT];
         let is_shown = |value: &f64| value.is_finite() && (*value > 0.0 || !self.is_logarithmic);
@@ -157,8 +158,8 @@ fn bar(scale: &Scale, [low, high]: [f64; 2], y: f64, class: &str) -> Markup {
     }
 }
 
-/// The row of a region that was not fitted. It contains the reason up to the first colon or bracket; the tables contain the
-/// complete reason.
+/// The row of a region that was not fitted. It contains the reason up to the first colon or opening parenthesis; the tables
+/// contain the complete reason.
 pub fn unfitted(reason: &str) -> Row {
     Row::Text(format!("not fitted: {}", reason.split([':', '(']).next().unwrap_or_default()))
 }

@@ -29,7 +29,7 @@ pub fn colour(region: usize) -> String {
 pub fn fit_of(study: &Study, region: usize) -> Result<&RegionFit, String> {
     match study.fits.get(region) {
         Some(Ok(fit)) => Ok(fit),
-        Some(Err(unfit)) => Err(unfit.to_string()),
+        Some(Err(reason)) => Err(reason.to_string()),
         None => Err("not fitted yet".into()),
     }
 }

@@ -45,11 +45,12 @@ fn sections_and_regions_are_present_in_order() {
             "reading",
         ];
         for id in sections {
-            rest = rest.split_once(&format!("<section id=\"{id}\"")).unwrap_or_else(|| panic!("{id} follows")).1;
+            rest =
+                rest.split_once(&format!("<section id=\"{id}\"")).unwrap_or_else(|| panic!("{id} does not follow")).1;
         }
         let mut rest = html.split_once("<section id=\"curves\"").expect("the section").1;
         for title in TITLES {
-            rest = rest.split_once(&format!("<h3>{title}</h3>")).unwrap_or_else(|| panic!("{title} follows")).1;
+            rest = rest.split_once(&format!("<h3>{title}</h3>")).unwrap_or_else(|| panic!("{title} does not follow")).1;
         }
         let drawings = html.matches("<svg class=\"drawing\"").count();
         assert_eq!(html.matches("role=\"img\" aria-label=\"").count(), drawings);
@@ -87,9 +88,9 @@ fn the_table_of_errors_has_the_numbers_of_the_study() {
 #[test]
 fn excluded_contacts_and_regions_are_listed_with_their_reasons() {
     let html = report::html(&STUDY);
-    let unfit: Vec<_> = STUDY.fits.iter().filter_map(|fit| fit.as_ref().err()).collect();
-    assert_eq!(unfit.len(), 2, "{unfit:?}");
-    for reason in unfit {
+    let reasons: Vec<_> = STUDY.fits.iter().filter_map(|fit| fit.as_ref().err()).collect();
+    assert_eq!(reasons.len(), 2, "{reasons:?}");
+    for reason in reasons {
         // The reason is at least in the summary and in four tables.
         assert!(html.matches(&escaped(&reason.to_string())).count() >= 5, "{reason}");
     }

@@ -138,7 +138,7 @@ impl Cable {
     }
 
     /// Waits until the insole received the acknowledgement of a step. Returns false after a timeout.
-    fn acknowledged(&self, number: u32) -> bool {
+    fn wait_for_acknowledgement(&self, number: u32) -> bool {
         let insole = self.0.0.lock().expect("no test panics here");
         let is_pending = |insole: &mut Insole| !insole.acknowledged.contains(&number);
         let waited = self.0.1.wait_timeout_while(insole, TIMEOUT, is_pending).expect("no test panics here");
@@ -239,7 +239,8 @@ impl Write for Faulty {
     }
 }
 
-/// The page has one store of steps for each name of this computer, so it has one name. Through a tunnel, it has another port.
+/// A browser has a separate store of steps for each name of this computer, so the server redirects all of its names to one. A
+/// request for another port has come through a tunnel, and is not redirected.
 #[test]
 fn a_browser_that_uses_another_name_of_this_computer_is_redirected() {
     let address = serve(&[&Cable::new(Side::Left)], None);
@@ -261,7 +262,7 @@ fn a_browser_that_uses_another_name_of_this_computer_is_redirected() {
         let answer = get(address, &host);
         assert!(answer.starts_with("HTTP/1.1 200") && answer.ends_with("the page"), "{answer}");
     }
-    // A proxy names this computer in its requests, which are those of browsers elsewhere.
+    // The requests of a proxy name this computer, but the browser is elsewhere, so they are not redirected.
     let source = Cable::new(Side::Left).source();
     let proxied = serve_for(vec![source], None, false, vec!["https://insoles.example".into()]);
     let answer = get(proxied, &format!("localhost:{}", proxied.port()));
@@ -309,12 +310,12 @@ async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_ac
     assert_eq!(other.step(1).await.step, 0);
     right.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
     other.send(1, ToDevice::Acknowledge { number: 0 }).await;
-    assert!(right.acknowledged(0));
+    assert!(right.wait_for_acknowledgement(0));
     left.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
 }
 
-/// Waits until the insole streams the ellipses of one of `every` frames, or none for 0. The bridge requests a changed rate only
-/// after the next message from the insole, or after a timeout.
+/// Waits until the insole streams the ellipses of one of every `every` frames, or no ellipses if `every` is 0. The bridge
+/// requests a changed rate only after the next message from the insole, or after a timeout.
 async fn wait_for_ellipses(cable: &Cable, page: &mut Page, every: u8) {
     let end = std::time::Instant::now() + TIMEOUT;
     while cable.act(|insole| insole.link.ellipses.every()) != every {
@@ -402,7 +403,7 @@ async fn a_page_that_connects_later_receives_the_steps_that_no_page_acknowledged
     let mut page = Page::open(address).await;
     assert_eq!((page.step(0).await.step, page.step(0).await.step), (0, 1));
     page.send(0, ToDevice::Acknowledge { number: 0 }).await;
-    assert!(cable.acknowledged(0));
+    assert!(cable.wait_for_acknowledgement(0));
     drop(page);
     let mut page = Page::open(address).await;
     assert_eq!(page.step(0).await.step, 1);
@@ -425,7 +426,7 @@ async fn a_slow_page_loses_counted_live_frames_and_no_step() {
         if sequence == FRAMES / 2 {
             for number in 0..STEPS {
                 cable.step(number);
-                assert!(cable.acknowledged(number), "a recorded step is acknowledged");
+                assert!(cable.wait_for_acknowledgement(number), "a recorded step is acknowledged");
             }
         }
         // Waiting for the quick page ensures that it loses no frame.
@@ -492,7 +493,7 @@ async fn a_recorded_step_is_acknowledged_without_a_page() {
     let path = folder.path().join("walk.plantar");
     serve(&[&cable], Some(path.clone()));
     cable.step(0);
-    assert!(cable.acknowledged(0));
+    assert!(cable.wait_for_acknowledgement(0));
     let messages = recorded(&path);
     assert!(matches!(&messages[0], ToHost::Hello(hello) if hello.side == Side::Right));
     assert!(messages.contains(&ToHost::Step(step(Side::Right, 0))));
@@ -527,34 +528,34 @@ async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
     let path = folder.path().join("walk.plantar");
     let address = serve(&[&cable], Some(path.clone()));
     cable.step(0);
-    assert!(cable.acknowledged(0));
+    assert!(cable.wait_for_acknowledgement(0));
     cable.unplug();
     cable.act(|insole| {
         insole.acknowledged.clear();
         insole.restart(1);
         insole.link.push_record(Step { boots_since: 1, ..step(Side::Left, 0) });
     });
-    assert!(cable.acknowledged(0));
+    assert!(cable.wait_for_acknowledgement(0));
     // A page receives the repeated step once, and then the next step.
     let mut page = Page::open(address).await;
     assert_eq!(page.step(0).await, Step { boots_since: 1, ..step(Side::Left, 0) });
     cable.step(1);
     assert_eq!(page.step(0).await.step, 1);
-    assert!(cable.acknowledged(1));
+    assert!(cable.wait_for_acknowledgement(1));
     let steps = [0, 1].map(|number| ToHost::Step(step(Side::Left, number)));
     let is_step = |message: &ToHost| matches!(message, ToHost::Step(_));
     assert_eq!(recorded(&path).into_iter().filter(is_step).collect::<Vec<_>>(), steps);
 }
 
-/// After its restarts, the insole does not repeat a step that the recording has acknowledged. The clock of the present boot does
-/// not convert the time of the step.
+/// After its restarts, the insole does not repeat a step that was acknowledged because it is in the recording. The time of the
+/// step cannot be converted with the clock of the present boot, so pages must receive it as one of an earlier boot.
 #[tokio::test]
 async fn a_page_receives_a_recorded_step_from_before_two_restarts_as_one_of_an_earlier_boot() {
     let cable = Cable::new(Side::Left);
     let folder = tempfile::tempdir().expect("a folder");
     let address = serve(&[&cable], Some(folder.path().join("walk.plantar")));
     cable.step(0);
-    assert!(cable.acknowledged(0));
+    assert!(cable.wait_for_acknowledgement(0));
     cable.unplug();
     cable.act(|insole| insole.restart(2));
     let mut page = Page::open(address).await;
@@ -584,7 +585,7 @@ async fn pages_receive_a_repeated_step_with_its_number_of_boots_and_acknowledge_
         assert_eq!(Page::open(address).await.step(0).await, repeated);
     }
     page.send(0, ToDevice::Acknowledge { number: 0 }).await;
-    assert!(cable.acknowledged(0));
+    assert!(cable.wait_for_acknowledgement(0));
 }
 
 #[test]
@@ -616,7 +617,7 @@ async fn a_full_disk_loses_no_step() {
     assert_eq!(page.step(0).await.step, 0);
     cable.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
     page.send(0, ToDevice::Acknowledge { number: 0 }).await;
-    assert!(cable.acknowledged(0));
+    assert!(cable.wait_for_acknowledgement(0));
 }
 
 #[tokio::test]

@@ -1,9 +1,10 @@
 //! Table columns of the quantities and flags that an insole reports.
 
 use crate::table::{Row, Value};
+use plantar::pipeline::bout::{BoutKind, BoutRecord};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::step::StepRecord;
-use plantar::protocol::{Flag, Quantity, Step, StepFoot, StepRegion};
+use plantar::protocol::{Bout, BoutRegion, Flag, Quantity, Step, StepFoot, StepRegion};
 use plantar::{Region, Side};
 
 /// The row of the region with index `i` of [`Region::ALL`] in a step. The order of the columns is part of the format of tables.
@@ -48,6 +49,32 @@ pub fn step_columns() -> Row {
         regions: Default::default(),
     });
     step_row(&step, 0)
+}
+
+/// The row of the region with index `i` of [`Region::ALL`] in a load bout. The order of the columns is part of the format of
+/// tables.
+///
+/// # Panics
+/// Panics if there is no region `i`.
+pub fn bout_row(bout: &Bout, i: usize) -> Row {
+    let mut row: Row = vec![("side", bout.side.name().into())];
+    row.extend(columns(Bout::QUANTITIES, bout));
+    row.extend([("kind", bout.kind.name().into()), ("region", Region::ALL[i].name().into())]);
+    row.extend(columns(BoutRegion::QUANTITIES, &bout.regions[i]));
+    row
+}
+
+/// A row with arbitrary values, for the names and types of the columns of a table of load bouts that may have no rows.
+pub fn bout_columns() -> Row {
+    let record = BoutRecord::<f32> {
+        side: Side::Left,
+        number: 0,
+        start_us: 0,
+        duration_us: 0,
+        kind: BoutKind::Unclassified,
+        regions: Default::default(),
+    };
+    bout_row(&Bout::new(&record), 0)
 }
 
 /// The columns of these quantities, with the values that they have in `of`: a live frame, a step, a load bout or a region.

@@ -20,11 +20,11 @@ pub enum Task {
     Setup,
     /// Build the firmware of all boards and the command line.
     Build,
-    /// Build the page for a phone to tools/phone/dist.
+    /// Build the page for a phone in tools/phone/dist.
     Page,
-    /// Show a walk on the emulated insole: identify a walker's parameters from some steps, send them to the firmware in QEMU,
-    /// play other steps into its sensor matrix, and show the loads live in the terminal. Then print a table of the steps, and
-    /// serve the page for a phone with the same walk.
+    /// Show a walk on the emulated insole: play it into the sensor matrix of the firmware in QEMU, show the loads live in the
+    /// terminal, identify the walker's parameters from the first 24 steps, and send them to the insole. Then print a table of the
+    /// later steps, and serve the page for a phone with the same walk.
     Demo(Demo),
     /// Run everything that continuous integration runs, except the proofs with Kani.
     Test {
@@ -103,7 +103,7 @@ pub enum Task {
 
 #[derive(Args)]
 pub struct Demo {
-    /// Play this recording instead of the sample walk.
+    /// Play this recording instead of the sample walk. No parameters are identified from it; the insole has typical ones.
     #[arg(long, value_name = "FILE")]
     pub recording: Option<PathBuf>,
     /// Play in real time (real), or as fast as the emulator runs (max).

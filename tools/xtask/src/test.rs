@@ -12,11 +12,12 @@ use std::process::Command;
 /// Arguments of Clippy that make every warning an error.
 pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
 
-/// Arguments of cargo-nextest that run the tests of the host programs. By default, it skips tests that are marked as ignored. It
-/// does not run the examples in the documentation: see [`documentation_tests`].
+/// Arguments of cargo-nextest that run the tests of all packages that are compiled for the host. By default, it skips tests that
+/// are marked as ignored. It does not run the examples in the documentation: see [`documentation_tests`].
 const HOST_TESTS: [&str; 4] = ["run", "--locked", "--release", "--no-fail-fast"];
 
-/// Selects the tests in files with walks that are played in real time. Such a test needs a share of a core without interruption.
+/// Selects the tests that play walks in real time, by their modules. Such a test fails if it does not get processor time
+/// regularly.
 const IN_REAL_TIME: &str = "kind(test) and (test(/^(both_feet|cells_bluetooth|identify|update_walking)::/) \
      or (package(plantar-cli) and test(/^cells::/)))";
 
@@ -145,7 +146,7 @@ fn tests_in_real_time(python: &Python) -> Result<()> {
     selected_tests(python, IN_REAL_TIME, 2)
 }
 
-/// Runs all other tests of the host programs, and beside them those of the Python package and a short endurance test.
+/// Runs all other host tests, and beside them those of the Python package and a short endurance test.
 fn other_tests(python: &Python) -> Result<()> {
     std::thread::scope(|scope| {
         let package = scope.spawn(|| package::test().and_then(|()| Soak { short: true, json: None }.run()));
@@ -157,7 +158,7 @@ fn other_tests(python: &Python) -> Result<()> {
     })
 }
 
-/// Runs the selected tests of the host programs, ignored ones included, `threads` at the same time. Tests that need recordings of
+/// Runs the selected host tests, ignored ones included, `threads` at the same time. Tests that need recordings of
 /// people are skipped if there are none on this machine.
 fn selected_tests(python: &Python, selected: &str, threads: usize) -> Result<()> {
     let recordings = recordings();

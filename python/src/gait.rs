@@ -1,0 +1,88 @@
+//! The measures of gait, as in `plantar gait`.
+
+use crate::batch::{Table, table};
+use crate::exception;
+use crate::options::Options;
+use crate::recordings::Recording;
+use anyhow::{Context, bail};
+use arrow_pyarrow::PyArrowType;
+use client::gait::Length;
+use plantar::Side;
+use plantar::pipeline::contact::ContactRule;
+use pyo3::prelude::*;
+use study::virtual_insole;
+use study::walk::{RecordedWalk, check_pair, stride_columns, stride_rows};
+
+/// The measures of a walk.
+#[pyclass(frozen, module = "plantar._core")]
+pub struct Gait(client::gait::Gait);
+
+/// Computes the measures from one recording, or from those of both feet. Also returns notes for the user.
+#[pyfunction]
+pub fn gait(py: Python, recordings: Vec<PyRef<Recording>>, options: Options) -> PyResult<(Gait, Vec<String>)> {
+    options.check_gait()?;
+    let recordings: Vec<_> = recordings.iter().map(|each| (each.inner.clone(), each.path.clone())).collect();
+    let stance = options.stance()?;
+    let computed = move || -> anyhow::Result<(Gait, Vec<String>)> {
+        let mut notes = Vec::new();
+        let mut walks = [Side::Left, Side::Right].map(|_| RecordedWalk::default());
+        for (i, (recording, path)) in recordings.iter().enumerate() {
+            let name = path.display();
+            if recordings[..i].iter().any(|(before, _)| before.side == recording.side) {
+                bail!("{name}: a second recording of the {} foot: give one for each foot", recording.side.name());
+            }
+            let found = || {
+                let mut insole = virtual_insole(&(&**recording).into(), ContactRule::COUNTED, stance)?;
+                options.subtract_zero(&mut insole)?;
+                RecordedWalk::find(&insole, (&**recording).into(), &mut |_| ())
+            };
+            let walk = found().with_context(|| format!("{name}: the recording cannot be evaluated"))?;
+            let left_out = walk.cut_off.iter();
+            notes.extend(left_out.map(|(at_s, reason)| format!("left out: {name} at {at_s:.2} s, {reason}")));
+            walks[recording.side as usize] = walk;
+        }
+        if walks.iter().all(|walk| walk.steps.is_empty()) {
+            let names: Vec<_> = recordings.iter().map(|(_, path)| path.display().to_string()).collect();
+            bail!("no steps in {}: record a walk of several steps", names.join(" and "));
+        }
+        let mut has_common_clock = true;
+        if let [(first, _), (second, _)] = &recordings[..] {
+            notes.extend(check_pair([first, second])?);
+            has_common_clock = !first.layout.is_of_insole() && !second.layout.is_of_insole();
+            if !has_common_clock {
+                notes.push(
+                    "the feet are not compared: the times of recordings of the cells of insoles are those of each insole's own \
+                     clock; `plantar gait` compares the feet from the folders of `plantar record`"
+                        .into(),
+                );
+            }
+        }
+        let [left, right] = &walks;
+        let gait = client::gait::Gait::new([left.foot_steps(), right.foot_steps()], has_common_clock);
+        Ok((Gait(gait), notes))
+    };
+    py.detach(computed).map_err(exception)
+}
+
+#[pymethods]
+impl Gait {
+    /// The measures as JSON, without the speed.
+    fn json(&self) -> String {
+        self.0.to_json(None).to_string()
+    }
+
+    /// One row for each stride in use.
+    fn strides(&self) -> PyResult<Table> {
+        Ok(PyArrowType(table(&stride_columns(), &stride_rows(&self.0))?))
+    }
+
+    /// The walking speed, m/s, from the mean length of a stride, m.
+    fn speed_of_strides_m_s(&self, stride_length_m: f64) -> Option<f64> {
+        self.0.speed_m_s(Length::Stride(stride_length_m))
+    }
+
+    /// The walking speed, m/s, from the distance from the first to the last heel strike, m.
+    fn speed_of_walk_m_s(&self, distance_m: f64) -> Option<f64> {
+        self.0.speed_m_s(Length::Walk(distance_m))
+    }
+}
