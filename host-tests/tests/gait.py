@@ -56,6 +56,8 @@ def strides(own, other):
         k = between[0]
         strike = other[k][1]
         stride = end - start
+        if abs((strike - start) / stride - 0.5) > 0.35:
+            continue
         measures = {
             "stride_time_s": stride,
             "step_time_s": end - strike,
@@ -63,6 +65,8 @@ def strides(own, other):
             "swing_time_s": end - (start + stance),
             "stance_percent": stance / stride * 100,
             "swing_percent": (stride - stance) / stride * 100,
+            # The time without a foot on the ground: after the toe off of this foot, and after that of the other one.
+            "flight_s": max(0.0, strike - (start + stance)) + max(0.0, end - (strike + other[k][2])),
             "peak_force_n": peak,
             "force_integral_n_s": integral,
         }

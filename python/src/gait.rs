@@ -2,16 +2,15 @@
 
 use crate::batch::{Table, table};
 use crate::exception;
-use crate::options::Options;
+use crate::options::{OPTION_NAMES, Options};
 use crate::recordings::Recording;
 use anyhow::{Context, bail};
 use arrow_pyarrow::PyArrowType;
 use client::gait::Length;
-use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use pyo3::prelude::*;
 use study::virtual_insole;
-use study::walk::{RecordedWalk, check_pair, stride_columns, stride_rows};
+use study::walk::{self, RecordedWalk, check_pair, stride_columns, stride_rows};
 
 /// The measures of a walk.
 #[pyclass(frozen, module = "plantar._core")]
@@ -25,7 +24,7 @@ pub fn gait(py: Python, recordings: Vec<PyRef<Recording>>, options: Options) -> 
     let stance = options.stance()?;
     let computed = move || -> anyhow::Result<(Gait, Vec<String>)> {
         let mut notes = Vec::new();
-        let mut walks = [Side::Left, Side::Right].map(|_| RecordedWalk::default());
+        let mut walks = Vec::new();
         for (i, (recording, path)) in recordings.iter().enumerate() {
             let name = path.display();
             if recordings[..i].iter().any(|(before, _)| before.side == recording.side) {
@@ -37,13 +36,12 @@ pub fn gait(py: Python, recordings: Vec<PyRef<Recording>>, options: Options) -> 
                 RecordedWalk::find(&insole, (&**recording).into(), &mut |_| ())
             };
             let walk = found().with_context(|| format!("{name}: the recording cannot be evaluated"))?;
-            let left_out = walk.cut_off.iter();
-            notes.extend(left_out.map(|(at_s, reason)| format!("left out: {name} at {at_s:.2} s, {reason}")));
-            walks[recording.side as usize] = walk;
+            notes.extend(walk.notes(&OPTION_NAMES).iter().map(|note| format!("{name}: {note}")));
+            walks.push(walk);
         }
         if walks.iter().all(|walk| walk.steps.is_empty()) {
             let names: Vec<_> = recordings.iter().map(|(_, path)| path.display().to_string()).collect();
-            bail!("no steps in {}: record a walk of several steps", names.join(" and "));
+            bail!("no steps in {}: {}", names.join(" and "), notes.join("; "));
         }
         let mut has_common_clock = true;
         if let [(first, _), (second, _)] = &recordings[..] {
@@ -57,9 +55,7 @@ pub fn gait(py: Python, recordings: Vec<PyRef<Recording>>, options: Options) -> 
                 );
             }
         }
-        let [left, right] = &walks;
-        let gait = client::gait::Gait::new([left.foot_steps(), right.foot_steps()], has_common_clock);
-        Ok((Gait(gait), notes))
+        Ok((Gait(walk::gait(&walks, has_common_clock)), notes))
     };
     py.detach(computed).map_err(exception)
 }

@@ -10,10 +10,15 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use recording::{VirtualInsole, Zero};
 use std::path::PathBuf;
+use study::walk::OptionNames;
 use study::{ContactOptions, Search, StanceOptions};
 
 /// The default of `bounds`.
 const FREE_BOUNDS: &str = "free";
+
+/// The names of the options in notes on contacts.
+pub const OPTION_NAMES: OptionNames =
+    OptionNames { strike: "strike_n", release: "release_n", min_stance: "min_stance_ms", max_stance: "max_stance_ms" };
 
 /// The attributes of the Python class `Options`, which describes them.
 pub struct Options {

@@ -12,7 +12,7 @@ use plantar::{Region, Side};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use recording::footprint::unit_warnings;
-use recording::{Layout, template};
+use recording::{Layout, Span, template};
 use std::path::PathBuf;
 use std::sync::Arc;
 use study::table::{Row, Value};
@@ -103,10 +103,12 @@ impl Recording {
         Ok(Self { inner: Arc::new(inner), path: name.into() })
     }
 
-    /// The recording of the frames from `start` to before `end`, of which there must be at least one.
-    fn part(&self, py: Python, start: usize, end: usize) -> Self {
-        let inner = py.detach(|| self.inner.part(start..end));
-        Self { inner: Arc::new(inner), path: self.path.clone() }
+    /// The frames from `from_s` to `to_s`.
+    fn part(&self, py: Python, from_s: Option<f64>, to_s: Option<f64>) -> PyResult<Self> {
+        let whole = Span::default();
+        let span = Span { from_s: from_s.unwrap_or(whole.from_s), to_s: to_s.unwrap_or(whole.to_s) };
+        let inner = py.detach(|| self.inner.part(span, &self.path.display().to_string())).map_err(exception)?;
+        Ok(Self { inner: Arc::new(inner), path: self.path.clone() })
     }
 
     /// Writes the recording to a file.

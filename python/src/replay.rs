@@ -2,11 +2,11 @@
 
 use crate::batch::{Table, numbers, table};
 use crate::exception;
-use crate::options::Options;
+use crate::options::{OPTION_NAMES, Options};
 use crate::recordings::Recording;
 use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
-use fit::contacts::CutOff;
+use fit::contacts::OtherContacts;
 use parameters::{Identified, InsoleSize, Parameters};
 use plantar::faults::Faults;
 use plantar::insole::Insole;
@@ -18,7 +18,7 @@ use pyo3::prelude::*;
 use recording::{MAX_CELLS, Scan, VirtualInsole};
 use std::path::PathBuf;
 use study::records::{bout_columns, bout_row, step_columns, step_row};
-use study::{frames, virtual_insole};
+use study::{frames, virtual_insole, walk};
 
 /// The result of a replay.
 struct Replayed {
@@ -110,7 +110,7 @@ fn run<R: Real>(
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     insole.set_tissue(tissue)?;
     let (mut steps, mut columns, mut row) = (Vec::new(), vec![Vec::new(); frames::column_names().len()], Vec::new());
-    let (mut bouts, mut cut_off) = (Vec::new(), CutOff::default());
+    let (mut bouts, mut others, mut largest_n) = (Vec::new(), OtherContacts::new(&virtual_insole.setup), 0.0f64);
     let mut scans = virtual_insole.scans(recording);
     let mut add_step = |toe_off: bool, insole: &mut Insole<R, MAX_CELLS>| {
         steps.extend(toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step)));
@@ -118,7 +118,9 @@ fn run<R: Real>(
     // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
     while let Some(Scan { index, t_s: Some(t_s), codes }) = scans.next_scan()? {
         let toe_off = insole.frame(index as u32, codes);
-        cut_off.frame(t_s, toe_off, &insole);
+        others.frame(t_s, toe_off, &insole);
+        let total_n = insole.loads().iter().map(|load| load.frame.force.force_n.to_f64()).sum();
+        largest_n = largest_n.max(total_n);
         add_step(toe_off, &mut insole);
         // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the next
         // step.
@@ -132,8 +134,8 @@ fn run<R: Real>(
     let toe_off = insole.end_stance();
     add_step(toe_off, &mut insole);
     bouts.extend(std::iter::from_fn(|| insole.end_bout()).map(|bout| Bout::new(&bout)));
-    let left_out = |(start_s, reason)| format!("left out: the contact at {start_s:.2} s, {reason}");
-    let mut notes: Vec<_> = cut_off.end(&insole).into_iter().map(left_out).collect();
+    let stance = &virtual_insole.setup.stance;
+    let mut notes = walk::notes(&others.end(&insole), &steps, largest_n, stance, &OPTION_NAMES);
     notes.extend(fault_note(insole.faults()));
     Ok(Replayed { steps, bouts, notes, frames: columns })
 }

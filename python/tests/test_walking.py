@@ -40,7 +40,7 @@ def test_stride_times_are_the_differences_of_the_heel_strikes(feet: list[pathlib
     starts_s = package.replay(feet[1]).steps.groupby("step")["start_s"].first()
     gait = package.gait(feet[1])
     np.testing.assert_allclose(gait.strides.loc["right", "stride_time_s"], np.diff(starts_s), atol=2e-6)
-    np.testing.assert_allclose(gait.strides.loc["right"].index, starts_s[:-1], atol=2e-6)
+    np.testing.assert_allclose(gait.strides.loc["right"].index.to_numpy(float), starts_s[:-1], atol=2e-6)
     # Without the other foot, there is neither double support nor symmetry.
     assert set(gait.table().index.unique("of")) == {"right", "both"}
     assert np.isnan(gait.speed_m_s(distance_m=20)) and gait.strides["double_support_s"].isna().all()

@@ -131,7 +131,7 @@ impl<R: Real> StanceLimits<R> {
 
     /// Factor of the thresholds: the mean peak of the recent steps, `recent_peak_n`, relative to [`REFERENCE_PEAK_N`], within
     /// [`SCALE`]; 1 before the first step, when `recent_peak_n` is 0, and for a rule that is not adaptive.
-    pub(super) fn scale(&self, recent_peak_n: R) -> R {
+    pub fn scale(&self, recent_peak_n: R) -> R {
         if self.is_adaptive && recent_peak_n > R::ZERO {
             (recent_peak_n * R::of(1.0 / REFERENCE_PEAK_N)).max(R::of(SCALE.0)).min(R::of(SCALE.1))
         } else {

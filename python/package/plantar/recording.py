@@ -182,13 +182,7 @@ class Recording:
     def part(self, from_s: float | None = None, to_s: float | None = None) -> Recording:
         """The frames from ``from_s`` to ``to_s``, both included, s, as a recording with the same times. Contacts that a limit
         cuts off are no steps. Raises a ``ValueError`` if there is no such frame."""
-        start = 0 if from_s is None else int(self.t_s.searchsorted(from_s, side="left"))
-        end = len(self.t_s) if to_s is None else int(self.t_s.searchsorted(to_s, side="right"))
-        if start >= end:
-            raise ValueError(
-                f"{self.path}: no frame from {from_s} to {to_s} s: the frames are from {self.t_s[0]:g} to {self.t_s[-1]:g} s"
-            )
-        return Recording(self._core.part(start, end))
+        return Recording(self._core.part(from_s, to_s))
 
     def write(self, path: Path) -> None:
         """Writes the recording to a Parquet file, for ``read`` and the command line."""
@@ -306,14 +300,6 @@ class Replay:
             # At the place where the user called the function or the method `replay`, which creates this object.
             warnings.warn(note, stacklevel=3)
         steps = self._on_clock_of_recording(records)
-        if steps.empty:
-            warnings.warn(
-                f"{recording.path}: no step: the largest total force is {recording.force_n.max(initial=0.0):.4g} N; check that "
-                "pressures are in kPa and areas in mm2, that the thresholds (strike_n, release_n) are below this force, and "
-                f"that the rate is {recording.rate_hz:g} Hz; otherwise record a walk of several steps, each with the foot in "
-                "the air before and after it",
-                stacklevel=3,
-            )
         self.steps: pd.DataFrame = steps.set_index(["step", "region"])
         """One row for each region of each step, indexed by ``step`` and ``region``, an ordered category from heel to toes.
         docs/quantities.md describes the columns. ``start_s`` is on the time axis of the recording, as ``frames`` and

@@ -8,6 +8,7 @@ use estimate::Consecutive;
 use plantar::protocol::Step;
 use plantar::sequence::is_after;
 use serde_json::{Value, json};
+use std::ops::RangeInclusive;
 
 /// A step on the clock of the walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +71,7 @@ const fn measure(
 }
 
 /// Number of the measures of a stride.
-pub const COUNT: usize = 13;
+pub const COUNT: usize = 14;
 
 /// The measures of a stride, in the order of [`Stride::values`].
 pub const MEASURES: [Measure; COUNT] = [
@@ -85,6 +86,7 @@ pub const MEASURES: [Measure; COUNT] = [
     measure("double_support_percent", "Double support", "%", 1, false),
     measure("single_support_s", "Single support", "s", 3, false),
     measure("single_support_percent", "Single support", "%", 1, false),
+    measure("flight_s", "Flight", "s", 3, false),
     measure("peak_force_n", "Peak force", "N", 0, true),
     measure("force_integral_n_s", "Force-time integral", "N s", 1, true),
 ];
@@ -95,6 +97,10 @@ pub const LONGEST_STRIDE_S: f64 = 2.5;
 /// A stride takes at most this multiple of the median stride time of the walk. This limit replaces a shorter
 /// [`LONGEST_STRIDE_S`], so that the strides of a slow walker are not cut off at that time, which would shorten their mean.
 const LONGEST_OF_MEDIAN: f64 = 2.0;
+
+/// The other foot steps in this part of a stride. In walking and running, it steps in about the middle. The feet of a person who
+/// jumps land together, and small differences determine which one is the first.
+const ALTERNATING: RangeInclusive<f64> = 0.15..=0.85;
 
 /// The longest stride time of a walk, s. `steps` contains the steps of both feet, each in the order of time.
 fn longest_stride_s(steps: &[Vec<FootStep>; 2]) -> f64 {
@@ -126,7 +132,8 @@ pub struct FootGait {
     /// Number of pairs of successive steps that do not form a stride: there is a pause or a missing step between them, or they
     /// overlap.
     pub gaps: usize,
-    /// Number of strides that are not used, because they do not contain exactly one heel strike of the other foot.
+    /// Number of strides that are not used, because they do not contain exactly one heel strike of the other foot, from 15 to 85
+    /// % of the stride.
     pub unpaired: usize,
     /// The measures, in the order of [`MEASURES`].
     pub measures: [Option<Estimate>; COUNT],
@@ -172,6 +179,12 @@ impl Gait {
         let cadence_per_min = cadence_per_min(&feet, has_both_feet, longest_s);
         let walking_s = walking_s(&steps, has_both_feet, longest_s);
         Self { feet, has_both_feet, cadence_per_min, symmetry_percent, walking_s }
+    }
+
+    /// The measures of a person who walks or hops on one leg: the other foot was recorded, but took no step. There is no cadence,
+    /// which counts a step of each foot in a stride.
+    pub fn on_one_leg(self) -> Self {
+        Self { cadence_per_min: None, ..self }
     }
 
     /// Walking speed, m/s. `None` without [`Gait::cadence_per_min`] for [`Length::Stride`], and without [`Gait::walking_s`] for
@@ -230,7 +243,9 @@ impl FootGait {
                 Some(other) => {
                     let [first, after] =
                         [step.start_s, next.start_s].map(|t_s| other.partition_point(|step| step.start_s < t_s));
-                    if after != first + 1 {
+                    let is_alternating =
+                        |other: &FootStep| ALTERNATING.contains(&((other.start_s - step.start_s) / stride_s));
+                    if after != first + 1 || !is_alternating(&other[first]) {
                         foot.unpaired += 1;
                         continue;
                     }
@@ -283,6 +298,7 @@ fn values_of(step: &FootStep, stride_s: f64) -> [Option<f64>; COUNT] {
         None,
         None,
         None,
+        None,
         Some(step.peak_n),
         Some(step.integral_n_s),
     ]
@@ -298,8 +314,9 @@ fn values_of_both(
 ) -> [Option<f64>; COUNT] {
     let stride_s = next.start_s - step.start_s;
     let mut values = values_of(step, stride_s);
-    // The step time.
+    // The step time, and the times from each toe off to the next heel strike of the other foot.
     values[1] = Some(next.start_s - other.start_s);
+    values[11] = Some((other.start_s - step.end_s()).max(0.0) + (next.start_s - other.end_s()).max(0.0));
     if let Some(before) = before {
         let first_s = (before.end_s() - step.start_s).max(0.0);
         let second_s = (step.end_s() - other.start_s).max(0.0);

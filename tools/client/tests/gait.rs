@@ -65,6 +65,7 @@ fn the_measures_of_a_walk_with_known_times_follow_their_definitions() {
             "single_support_percent",
             [1.0 - STANCE_S[1] / STRIDE_S, 1.0 - STANCE_S[0] / STRIDE_S].map(|share| 100.0 * share),
         ),
+        ("flight_s", [0.0; 2]),
         ("peak_force_n", [800.0, 760.0]),
         ("force_integral_n_s", [330.0, 300.0]),
     ] {
@@ -122,7 +123,7 @@ fn without_the_other_foot_or_a_common_clock_there_are_only_the_measures_that_nee
     for gait in [&one, &apart] {
         assert!(!gait.has_both_feet);
         let needs_both = ["step_time_s", "first_double_support_s", "double_support_s", "double_support_percent"];
-        let needs_both = [&needs_both[..], &["single_support_s", "single_support_percent"]].concat();
+        let needs_both = [&needs_both[..], &["single_support_s", "single_support_percent", "flight_s"]].concat();
         let known = gait.feet[0].measures.each_ref().map(Option::is_some);
         let expected: [bool; COUNT] = core::array::from_fn(|i| !needs_both.contains(&MEASURES[i].key));
         assert_eq!(known, expected);
@@ -136,12 +137,37 @@ fn without_the_other_foot_or_a_common_clock_there_are_only_the_measures_that_nee
 }
 
 #[test]
-fn a_run_has_no_double_support() {
+fn a_run_has_flight_instead_of_double_support() {
     let mut steps = walk(10.0, 10, 0);
     steps.iter_mut().flatten().for_each(|step| step.duration_s = 0.25);
     let gait = Gait::new(steps, true);
     assert_means(&gait, "double_support_s", [0.0; 2]);
     assert_means(&gait, "single_support_s", [0.25; 2]);
+    // In each stride, both feet are in the air whenever neither of the two stances of 0.25 s takes place.
+    assert_means(&gait, "flight_s", [STRIDE_S - 2.0 * 0.25; 2]);
+}
+
+/// The left foot lands up to 4 ms before or after the right one.
+#[test]
+fn jumps_on_both_feet_are_no_strides() {
+    let [left, _] = walk(10.0, 20, 0);
+    let mut right = left.clone();
+    right
+        .iter_mut()
+        .zip([0.004, -0.003, -0.004, 0.002].into_iter().cycle())
+        .for_each(|(step, lag_s)| step.start_s += lag_s);
+    let gait = Gait::new([left, right], true);
+    assert!(gait.feet.iter().all(|foot| (foot.strides.len(), foot.gaps, foot.unpaired) == (0, 0, 19)));
+    assert_eq!(gait.cadence_per_min, None);
+}
+
+/// Only the left insole measures in the first part of the walk, and only the right one in the last part.
+#[test]
+fn two_walks_of_one_foot_each_have_no_common_walking_time() {
+    let [left, _] = walk(10.0, 8, 0);
+    let [_, right] = walk(70.0, 8, 0);
+    assert_eq!(Gait::new([left, right], true).walking_s, None);
+    assert!(Gait::new(walk(10.0, 8, 0), true).walking_s.is_some());
 }
 
 /// The strides of a slow walker are not cut off at the limit for others, which would shorten their mean.

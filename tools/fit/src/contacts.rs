@@ -3,6 +3,7 @@
 use crate::steps::ExclusionReason;
 use plantar::Real;
 use plantar::insole::Insole;
+use plantar::pipeline::setup::Setup;
 use plantar::pipeline::stance_rule::Rejected;
 
 /// Follows the contacts of an insole from frame to frame, and finds those that are no steps. Each contact has one reason: the
@@ -64,32 +65,84 @@ impl Contacts {
     }
 }
 
-/// The contacts that the beginning or the end of a recording cuts off. A contact that the insole rejected is not among them: the
-/// insole counts it.
-#[derive(Debug, Default)]
-pub struct CutOff {
-    contacts: Contacts,
-    /// The time of each contact that was found, s, and the reason why it is no step.
-    found: Vec<(f64, ExclusionReason)>,
+/// A contact of a recording that is no step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OtherContact {
+    /// Time of the first frame, s.
+    pub start_s: f64,
+    /// Time from the first frame to toe off or to the end of the recording, s.
+    pub duration_s: f64,
+    /// Largest total force, N.
+    pub peak_n: f64,
+    /// The reason why it is no step.
+    pub reason: ExclusionReason,
 }
 
-impl CutOff {
-    /// As [`Contacts::frame`].
-    pub fn frame<R: Real, const CELLS: usize>(&mut self, t_s: f64, toe_off: bool, insole: &Insole<R, CELLS>) {
-        let reason = self.contacts.frame(t_s, toe_off, insole);
-        self.add(reason);
+/// Collects the contacts of a recording that are no steps.
+#[derive(Debug)]
+pub struct OtherContacts {
+    contacts: Contacts,
+    /// Time from toe off to the frame that confirms it, s.
+    confirmation_s: f64,
+    /// The reason why the present contact is no step, if it is none.
+    reason: Option<ExclusionReason>,
+    /// Largest total force in the present contact, N.
+    peak_n: f64,
+    /// Time of the last frame, s.
+    last_s: f64,
+    found: Vec<OtherContact>,
+}
+
+impl OtherContacts {
+    /// Before the first frame of an insole with this configuration.
+    pub fn new(setup: &Setup) -> Self {
+        // The frame of toe off is the first one of the swing that confirms it.
+        let confirmation_us = (u32::from(setup.stance.min_swing_ms) * 1000).saturating_sub(setup.period_us);
+        Self {
+            contacts: Contacts::default(),
+            confirmation_s: f64::from(confirmation_us) / 1e6,
+            reason: None,
+            peak_n: 0.0,
+            last_s: 0.0,
+            found: Vec::new(),
+        }
     }
 
-    /// The time of the first frame of each contact, s, and the reason why it is no step. `insole` has processed all frames, and
-    /// [`Insole::end_stance`] was called, or the contact of which the toe off is not confirmed is among them.
-    pub fn end<R: Real, const CELLS: usize>(mut self, insole: &Insole<R, CELLS>) -> Vec<(f64, ExclusionReason)> {
+    /// As [`Contacts::frame`].
+    pub fn frame<R: Real, const CELLS: usize>(&mut self, t_s: f64, toe_off: bool, insole: &Insole<R, CELLS>) {
+        let (was_on_ground, is_on_ground) = (self.contacts.was_on_ground, insole.on_ground());
+        let reason = self.contacts.frame(t_s, toe_off, insole);
+        self.last_s = t_s;
+        if is_on_ground {
+            if !was_on_ground {
+                (self.reason, self.peak_n) = (None, 0.0);
+            }
+            let total_n: f64 = insole.loads().iter().map(|load| load.frame.force.force_n.to_f64()).sum();
+            self.peak_n = self.peak_n.max(total_n);
+        }
+        self.reason = self.reason.or(reason);
+        if was_on_ground && !is_on_ground {
+            self.complete(self.confirmation_s);
+        }
+    }
+
+    /// The contacts in the order of time. `insole` has processed all frames, and [`Insole::end_stance`] was called, or a contact
+    /// of which the toe off is not confirmed is among them.
+    pub fn end<R: Real, const CELLS: usize>(mut self, insole: &Insole<R, CELLS>) -> Vec<OtherContact> {
         let reason = self.contacts.end(insole);
-        self.add(reason);
+        self.reason = self.reason.or(reason);
+        if insole.on_ground() {
+            self.complete(0.0);
+        }
         self.found
     }
 
-    fn add(&mut self, reason: Option<ExclusionReason>) {
-        self.found.extend(reason.filter(ExclusionReason::is_cut_off).map(|reason| (self.contacts.start_s, reason)));
+    /// Completes the present contact. Its toe off was `ago_s` before the last frame.
+    fn complete(&mut self, ago_s: f64) {
+        let start_s = self.contacts.start_s;
+        let duration_s = (self.last_s - start_s - ago_s).max(0.0);
+        let contact = |reason| OtherContact { start_s, duration_s, peak_n: self.peak_n, reason };
+        self.found.extend(self.reason.take().map(contact));
     }
 }
 

@@ -39,7 +39,7 @@ const DEFAULTS: Settings = {
 /** The smallest and the largest value that the wearer can state; those of the mass are also the ones of the command line. */
 export const LIMITS = {
   body_mass_kg: { min: 10, max: 300 },
-  stride_cm: { min: 10, max: 400 },
+  stride_cm: { min: 10, max: 600 },
 } as const;
 
 /** The smallest and the largest shoe size, as of the command line. */

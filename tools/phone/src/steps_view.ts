@@ -126,7 +126,10 @@ function drawGait(gait: Gait, settings: Settings, why: string): void {
     const feet = [left, right].map((estimate) => value(estimate, digits, scale));
     return ["tr", {}, ["th", { scope: "row" }, name], ...feet, value(symmetry_percent, 1, 1)];
   };
-  const measures = gait.measures.filter(({ key, left, right }) => (left || right) && !OMITTED.includes(key));
+  // Walking has no flight.
+  const isShown = ({ key, left, right }: GaitMeasure) =>
+    (left || right) && !OMITTED.includes(key) && (key !== "flight_s" || left?.mean || right?.mean);
+  const measures = gait.measures.filter(isShown);
   for (const id of ["both-feet", "both-feet-help"]) byId(id).hidden = measures.length === 0;
   fill(byId("both-feet").querySelector("tbody"), measures.map(row));
   const { strides, gaps, unpaired } = gait;

@@ -3,8 +3,8 @@
 use crate::fit::live::{self, session};
 use crate::fit::print_notes;
 use crate::paths::{check_folders, check_written};
-use crate::replay::{print_cut_off, progress, write_text};
-use crate::setup::{StanceArgs, ZeroArgs};
+use crate::replay::{progress, write_text};
+use crate::setup::{OPTION_NAMES, StanceArgs, ZeroArgs, time};
 use crate::summary::{align, counted, table};
 use crate::tables::{Format, check_json, write_rows};
 use crate::zero::GRAVITY_M_S2;
@@ -17,7 +17,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost};
-use recording::{FrameSource, Recording, RecordingReader};
+use recording::{FrameSource, Recording, RecordingReader, Span};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use study::walk::{RecordedWalk, check_pair, stride_columns, stride_rows};
@@ -33,7 +33,7 @@ pub struct GaitCommand {
     /// columns of two recordings must be on one clock, and their rates must be equal within 1 %.
     #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
     walk: Vec<PathBuf>,
-    /// Mean length of a stride, 0.1 to 4 m. The walking speed is computed from it.
+    /// Mean length of a stride, 0.1 to 6 m. The walking speed is computed from it.
     #[arg(long, value_name = "M", value_parser = stride_length, allow_negative_numbers = true)]
     stride_length: Option<f64>,
     /// Distance from the first to the last heel strike, m. The walking speed is computed from it if the walk has no pause and no
@@ -51,12 +51,18 @@ pub struct GaitCommand {
     stance: StanceArgs,
     #[command(flatten)]
     zero: ZeroArgs,
+    /// Use only the frames of recordings from this time on, s, in their time columns.
+    #[arg(long, value_name = "S", value_parser = time, allow_negative_numbers = true)]
+    from: Option<f64>,
+    /// Use only the frames of recordings up to this time, s.
+    #[arg(long, value_name = "S", value_parser = time, allow_negative_numbers = true)]
+    to: Option<f64>,
 }
 
 /// Parses the length of a stride. The limits are those of the page.
 fn stride_length(text: &str) -> Result<f64, String> {
-    let stride_m = text.parse().ok().filter(|stride_m| (0.1..=4.0).contains(stride_m));
-    stride_m.ok_or_else(|| "give the length of a stride in metres, 0.1 to 4".into())
+    let stride_m = text.parse().ok().filter(|stride_m| (0.1..=6.0).contains(stride_m));
+    stride_m.ok_or_else(|| "give the length of a stride in metres, 0.1 to 6".into())
 }
 
 fn length(text: &str) -> Result<f64, String> {
@@ -97,11 +103,13 @@ impl GaitCommand {
         let Walk { mut steps, mut others, .. } = Walk::default();
         let mut heads = Vec::new();
         for path in &self.walk {
-            let added = read(path, stance, &self.zero).with_context(|| path.display().to_string())?;
-            if added.head.is_none() && (self.stance.is_given() || self.zero.zero.is_some()) {
+            let added = self.read(path, stance).map_err(|error| with_path(error, path))?;
+            let is_for_recordings =
+                self.stance.is_given() || self.zero.zero.is_some() || self.from.is_some() || self.to.is_some();
+            if added.head.is_none() && is_for_recordings {
                 bail!(
-                    "{} and --zero are for recordings of all cells, and the steps in {} were found by an insole: omit the \
-                     options, or change the stance rule of the insole with `plantar insole set` before the walk",
+                    "{}, --zero, --from and --to are for recordings of all cells, and the steps in {} were found by an insole: \
+                     omit the options, or change the stance rule of the insole with `plantar insole set` before the walk",
                     StanceArgs::NAMES,
                     path.display()
                 );
@@ -119,7 +127,8 @@ impl GaitCommand {
         }
         if steps.is_empty() {
             let files: Vec<_> = self.walk.iter().map(|path| path.display().to_string()).collect();
-            bail!("no steps in {}: record a walk of several steps", files.join(" and "));
+            let remedy = if heads.is_empty() { "record a walk of several steps" } else { "the notes have the reasons" };
+            bail!("no steps in {}: {remedy}", files.join(" and "));
         }
         let has_common_clock = retain_comparable(&mut steps);
         let steps_of = |side| {
@@ -130,8 +139,10 @@ impl GaitCommand {
             steps.map(|(step, common)| FootStep::new(step, start_us(step, common), &numbers)).collect()
         };
         let gait = Gait::new([steps_of(Side::Left), steps_of(Side::Right)], has_common_clock);
+        let has_both = [Side::Left, Side::Right].into_iter().all(|side| has_steps(&steps, side));
+        let gait = if heads.len() == 2 && !has_both { gait.on_one_leg() } else { gait };
         let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));
-        if has_steps(&steps, Side::Left) && has_steps(&steps, Side::Right) && !has_common_clock {
+        if has_both && !has_common_clock {
             eprintln!(
                 "note: the feet are not compared, because too few steps of at least one foot have an exact time on a common \
                  clock. Steps that an insole stored without a host, and recordings of the cells of insoles, have no such \
@@ -156,6 +167,56 @@ impl GaitCommand {
             None => Ok(()),
         }
     }
+
+    /// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed with this stance
+    /// rule.
+    fn read(&self, path: &Path, stance: StanceRule) -> Result<Walk> {
+        // A folder without a table of steps is a recording of all cells in parts, which is replayed.
+        if path.join("steps").is_dir() {
+            let steps = session::timed_steps(path)?.into_iter().map(|(step, start_s, is_exact)| {
+                (step, start_s.map(|start_s| Start { us: (start_s * 1e6).round() as u64, is_exact }))
+            });
+            return Ok(Walk { steps: steps.collect(), others: session::other_records(path)?, head: None });
+        }
+        if live::is_stream(path) { from_stream(path) } else { self.from_recording(path, stance) }
+    }
+
+    /// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column,
+    /// which two recordings have in common unless they are of insoles.
+    fn from_recording(&self, path: &Path, stance: StanceRule) -> Result<Walk> {
+        let name = path.display().to_string();
+        let part = match (self.from, self.to) {
+            (None, None) => None,
+            (from, to) => {
+                let whole = Span::default();
+                let span = Span { from_s: from.unwrap_or(whole.from_s), to_s: to.unwrap_or(whole.to_s) };
+                Some(Recording::read(path)?.part(span, &name)?)
+            }
+        };
+        let source = match &part {
+            Some(part) => FrameSource::from(part),
+            None => FrameSource::from(RecordingReader::open(path)?),
+        };
+        let head = Recording { t_s: Vec::new(), pressure_kpa: Vec::new(), ..source.head().clone() };
+        let mut insole = study::virtual_insole(&source, ContactRule::COUNTED, stance)?;
+        self.zero.apply(&mut insole)?;
+        let bar = progress(source.frames() as u64, "frames");
+        let found = RecordedWalk::find(&insole, source, &mut |done| bar.set_position(done as u64))?;
+        bar.finish_and_clear();
+        print_notes(&found.notes(&OPTION_NAMES).iter().map(|note| format!("{name}: {note}")).collect::<Vec<_>>());
+        let start = |step: &Step| (!head.layout.is_of_insole()).then_some(Start { us: step.start_us, is_exact: true });
+        Ok(Walk {
+            steps: found.numbered_steps().into_iter().map(|step| (step, start(&step))).collect(),
+            others: found.bouts.iter().map(|number| (head.side, *number)).collect(),
+            head: Some(head),
+        })
+    }
+}
+
+/// The error with the path, unless its message begins with it.
+fn with_path(error: anyhow::Error, path: &Path) -> anyhow::Error {
+    let path = path.display().to_string();
+    if error.to_string().starts_with(&path) { error } else { error.context(path) }
 }
 
 fn has_steps(steps: &[(Step, Option<Start>)], side: Side) -> bool {
@@ -201,19 +262,6 @@ fn retain_comparable(steps: &mut Vec<(Step, Option<Start>)>) -> bool {
         }
     }
     has_common_clock
-}
-
-/// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed with this stance rule
-/// and this zero.
-fn read(path: &Path, stance: StanceRule, zero: &ZeroArgs) -> Result<Walk> {
-    // A folder without a table of steps is a recording of all cells in parts, which is replayed.
-    if path.join("steps").is_dir() {
-        let steps = session::timed_steps(path)?.into_iter().map(|(step, start_s, is_exact)| {
-            (step, start_s.map(|start_s| Start { us: (start_s * 1e6).round() as u64, is_exact }))
-        });
-        return Ok(Walk { steps: steps.collect(), others: session::other_records(path)?, head: None });
-    }
-    if live::is_stream(path) { from_stream(path) } else { from_recording(path, stance, zero) }
 }
 
 /// Number of time messages ([`ToHost::Time`]) of an insole after which the offset of its clock from that of the host is known
@@ -294,31 +342,18 @@ fn from_stream(path: &Path) -> Result<Walk> {
     Ok(Walk { steps, others, head: None })
 }
 
-/// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column, which
-/// two recordings have in common unless they are of insoles.
-fn from_recording(path: &Path, stance: StanceRule, zero: &ZeroArgs) -> Result<Walk> {
-    let source = FrameSource::from(RecordingReader::open(path)?);
-    let head = source.head().clone();
-    let mut insole = study::virtual_insole(&source, ContactRule::COUNTED, stance)?;
-    zero.apply(&mut insole)?;
-    let bar = progress(source.frames() as u64, "frames");
-    let found = RecordedWalk::find(&insole, source, &mut |done| bar.set_position(done as u64))?;
-    bar.finish_and_clear();
-    print_cut_off(&found.cut_off, path);
-    let start = |step: &Step| (!head.layout.is_of_insole()).then_some(Start { us: step.start_us, is_exact: true });
-    Ok(Walk {
-        steps: found.steps.iter().map(|step| (*step, start(step))).collect(),
-        others: found.bouts.iter().map(|number| (head.side, *number)).collect(),
-        head: Some(head),
-    })
-}
-
 /// Prints the measures as a table.
 fn print(gait: &Gait, length: Option<Length>) {
     let mut table = table();
     table.set_header(["measure", "left", "right", "symmetry index %"]);
     let [left, right] = &gait.feet;
     for (i, measure) in MEASURES.iter().enumerate() {
+        // Walking has no flight.
+        if measure.key == "flight_s"
+            && [left, right].iter().all(|foot| foot.measures[i].is_none_or(|flight| flight.mean == 0.0))
+        {
+            continue;
+        }
         let text = |estimate: Option<Estimate>, digits| estimate.map_or("-".into(), |it| to_text(&it, digits));
         table.add_row([
             format!("{}, {}", measure.title, measure.unit),
@@ -382,7 +417,8 @@ fn print(gait: &Gait, length: Option<Length>) {
     let counts = |of: fn(&FootGait) -> usize| format!("{} left, {} right", of(left), of(right));
     println!("Strides in use: {}", counts(|foot| foot.strides.len()));
     println!(
-        "Not used: with a pause or a missing step {}; without exactly one step of the other foot {}",
+        "Not used: with a pause or a missing step {}; without exactly one step of the other foot, from 15 to 85 % of the stride, \
+         {}",
         counts(|foot| foot.gaps),
         counts(|foot| foot.unpaired)
     );

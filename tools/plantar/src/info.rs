@@ -4,7 +4,7 @@ use crate::replay::progress;
 use anyhow::Result;
 use clap::Args;
 use plantar::Region;
-use recording::{Recording, RecordingReader};
+use recording::{Clipping, Recording, RecordingReader};
 use std::path::PathBuf;
 
 /// Prints a summary of a recording: source, foot, frame rate, duration, largest force and pressure, and the cells of each region.
@@ -17,7 +17,7 @@ pub struct Info {
 impl Info {
     pub fn run(&self) -> Result<()> {
         let reader = RecordingReader::open(&self.recording)?;
-        let mut loads = Loads::default();
+        let mut loads = Loads::new(reader.largest_kpa()?);
         let bar = progress(reader.frames() as u64, "frames");
         reader.for_each_frame(|kpa| {
             loads.add(&reader.head, kpa);
@@ -27,35 +27,44 @@ impl Info {
         })?;
         bar.finish_and_clear();
         loads.print(&reader.head);
+        // `plantar import`, which also prints a summary, has this warning among others.
+        if let Some(warning) = loads.clipping.warning() {
+            eprintln!("warning: {warning}");
+        }
         Ok(())
     }
 }
 
 /// Prints the summary of a recording in memory.
 pub fn print(recording: &Recording) {
-    let mut loads = Loads::default();
+    let mut loads = Loads::new(recording.largest_kpa());
     (0..recording.frames()).for_each(|i| loads.add(recording, recording.frame(i)));
     loads.print(recording);
 }
 
 /// The number of frames of a recording, and its largest loads.
-#[derive(Default)]
 struct Loads {
     frames: usize,
     largest_n: f64,
     largest_kpa: f32,
+    clipping: Clipping,
 }
 
 impl Loads {
+    /// Before the first frame of a recording with this largest pressure, kPa.
+    fn new(largest_kpa: f32) -> Self {
+        Self { frames: 0, largest_n: 0.0, largest_kpa, clipping: Clipping::new(largest_kpa) }
+    }
+
     /// Adds a frame with these pressures, kPa. `head` describes the recording.
     fn add(&mut self, head: &Recording, kpa: &[f32]) {
         self.frames += 1;
         self.largest_n = self.largest_n.max(head.layout.force_n(kpa));
-        self.largest_kpa = kpa.iter().copied().fold(self.largest_kpa, f32::max);
+        self.clipping.add(kpa);
     }
 
     fn print(&self, recording: &Recording) {
-        let Self { frames, largest_n, largest_kpa } = self;
+        let Self { frames, largest_n, largest_kpa, .. } = self;
         let seconds = *frames as f64 / recording.rate_hz;
         println!("source    {}", recording.source);
         println!("foot      {}", recording.side.name());

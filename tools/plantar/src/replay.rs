@@ -5,14 +5,14 @@ use crate::frames::FrameWriter;
 use crate::paths::{check_folders, check_written};
 use crate::picture::Picture;
 use crate::records::{Records, write_json};
-use crate::setup::{self, InsoleArgs};
+use crate::setup::{self, InsoleArgs, OPTION_NAMES};
 use crate::summary;
 use crate::tables::{self, Format};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
-use fit::contacts::CutOff;
-use fit::steps::{ExclusionReason, LIFT_THE_FOOT};
+use fit::contacts::{OtherContact, OtherContacts};
+use fit::steps::LIFT_THE_FOOT;
 use indicatif::{ProgressBar, ProgressStyle};
 use plantar::Real;
 use plantar::insole::Insole;
@@ -24,6 +24,8 @@ use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use study::records::range_note;
+use study::walk::others_note;
 
 /// Computes the steps and load bouts of a recording as the insole would, with the same code.
 ///
@@ -129,12 +131,12 @@ impl Replay {
             let index = (recent_s.len() - 1).checked_sub(frames_ago);
             index.map_or(step.start_s(), |index| recent_s[index])
         };
-        let (mut last, mut has_swing, mut cut_off) = (0, false, CutOff::default());
+        let (mut last, mut has_swing, mut others) = (0, false, OtherContacts::new(&virtual_insole.setup));
         // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
         while let Some(Scan { index: i, t_s: Some(t_s), codes }) = scans.next_scan()? {
             let toe_off = insole.frame(i as u32, codes);
             has_swing |= !insole.on_ground();
-            cut_off.frame(t_s, toe_off, &insole);
+            others.frame(t_s, toe_off, &insole);
             if has_starts {
                 times_s.push(t_s);
             }
@@ -200,12 +202,16 @@ impl Replay {
         if let Some(frames) = frames {
             frames.finish()?;
         }
+        let others = others.end(&insole);
         match has_swing {
-            true => print_cut_off(&cut_off.end(&insole), &self.recording),
+            true => print_cut_off(&others, &self.recording),
             false => eprintln!("note: no swing was recognised: {LIFT_THE_FOOT}"),
         }
-        if let Some(line) = summary::rejected_line(&insole.rejected()) {
+        if let Some(line) = others_note(&others, &records.steps, &virtual_insole.setup.stance, &OPTION_NAMES) {
             println!("{line}");
+        }
+        if let Some(note) = range_note(&records.steps) {
+            eprintln!("note: {note}");
         }
         summary::print_faults(insole.faults(), head.cells());
         if let (Some(picture), Some(path)) = (picture, &self.picture) {
@@ -221,9 +227,9 @@ pub fn completed_step<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>)
 }
 
 /// Prints a line for each contact that the beginning or the end of the recording `path` cuts off: its time, s, and the reason.
-pub fn print_cut_off(contacts: &[(f64, ExclusionReason)], path: &Path) {
-    for (at_s, reason) in contacts {
-        println!("left out: {} at {at_s:.2} s, {reason}", path.display());
+fn print_cut_off(contacts: &[OtherContact], path: &Path) {
+    for OtherContact { start_s, reason, .. } in contacts.iter().filter(|contact| contact.reason.is_cut_off()) {
+        println!("left out: {} at {start_s:.2} s, {reason}", path.display());
     }
 }
 

@@ -9,6 +9,7 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::Step;
 use recording::{FrameSource, VirtualInsole, Zero};
 use std::path::{Path, PathBuf};
+use study::walk::OptionNames;
 use study::{ContactOptions, StanceOptions};
 
 /// The options of a command that plays a recording into a virtual or emulated insole.
@@ -260,6 +261,10 @@ impl ZeroArgs {
         Ok(())
     }
 }
+
+/// The names of the options in notes on contacts.
+pub const OPTION_NAMES: OptionNames =
+    OptionNames { strike: "--strike", release: "--release", min_stance: "--min-stance", max_stance: "--max-stance" };
 
 /// Reads the time of an option, s. It can be negative.
 pub fn time(text: &str) -> Result<f64, String> {

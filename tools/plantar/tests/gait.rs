@@ -103,13 +103,13 @@ fn a_stream_has_the_measures_of_both_feet_on_the_clock_of_the_host() {
 fn a_stride_length_is_accepted_within_its_limits_only() {
     let folder = tempfile::tempdir().expect("a folder");
     write_stream(&folder.path().join("walk.plantar"), true);
-    for stride_m in ["0.1", "4"] {
+    for stride_m in ["0.1", "6"] {
         measures(folder.path(), &format!("walk.plantar --stride-length {stride_m}"));
     }
-    for stride_m in ["0.09", "4.01", "-1", "long"] {
+    for stride_m in ["0.09", "6.01", "-1", "long"] {
         let output = gait(folder.path(), &format!("walk.plantar --stride-length {stride_m}"));
         let text = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && text.contains("metres, 0.1 to 4"), "{stride_m}: {text}");
+        assert!(output.status.code() == Some(2) && text.contains("metres, 0.1 to 6"), "{stride_m}: {text}");
     }
 }
 
@@ -241,6 +241,144 @@ fn recordings_of_both_feet_have_their_true_stride_and_step_times() {
     assert!(!output.status.success() && text.contains("one file for each foot"), "{text}");
 }
 
+/// A recording of 20 s in which the foot carries `force_n` from `start_s` on, for `duration_s`, in each of these contacts. The
+/// force begins and ends within one frame.
+fn write_contacts(path: &Path, side: Side, contacts: impl Iterator<Item = (f64, f64, f64)>) {
+    let mut recording = walk(&SyntheticWalk { side, steps: 1, ..SyntheticWalk::default() }).recording;
+    let (cells, rate_hz) = (recording.cells(), recording.rate_hz);
+    let area_mm2: f64 = recording.layout.cells.iter().map(|cell| cell.area_mm2).sum();
+    let frames = (20.0 * rate_hz) as usize;
+    recording.t_s = (0..frames).map(|i| i as f64 / rate_hz).collect();
+    recording.pressure_kpa = vec![0.0; frames * cells];
+    for (start_s, duration_s, force_n) in contacts {
+        let [start, end] = [start_s, start_s + duration_s].map(|t_s| (t_s * rate_hz).round() as usize * cells);
+        recording.pressure_kpa[start..end].fill((1e3 * force_n / area_mm2) as f32);
+    }
+    recording.write(path).expect("written");
+}
+
+/// Contacts that begin at `from_s`, each `stride_s` after the one before it, until 19 s.
+fn regular(from_s: f64, stride_s: f64, duration_s: f64, force_n: f64) -> impl Iterator<Item = (f64, f64, f64)> {
+    let count = ((19.0 - from_s) / stride_s) as u32;
+    (0..count).map(move |i| (from_s + f64::from(i) * stride_s, duration_s, force_n))
+}
+
+/// Every third contact of the left foot is shorter than a step. The strides around it are not one stride.
+#[test]
+fn no_stride_spans_a_contact_that_is_too_short_for_a_step() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let contacts = regular(1.0, 0.6, 0.25, 1500.0).enumerate();
+    let contacts = contacts.map(|(i, (start_s, duration_s, force_n))| match i % 3 {
+        2 => (start_s, 0.07, force_n),
+        _ => (start_s, duration_s, force_n),
+    });
+    write_contacts(&folder.path().join("left.parquet"), Side::Left, contacts);
+    let (measured, text) = measures(folder.path(), "left.parquet");
+    assert!((mean(&measured, "stride_time_s", "left") - 0.6).abs() < 0.002, "{text}");
+    assert_eq!(
+        (measured["strides"]["left"].as_u64(), measured["gaps"]["left"].as_u64()),
+        (Some(10), Some(9)),
+        "{text}"
+    );
+    let output = gait(folder.path(), "left.parquet");
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(notes.contains("10 shorter than a step (70 ms; --min-stance 90)"), "{notes}");
+    // With the remedy, all strides are used.
+    let (measured, text) = measures(folder.path(), "left.parquet --min-stance 50");
+    assert_eq!(
+        (measured["strides"]["left"].as_u64(), measured["gaps"]["left"].as_u64()),
+        (Some(29), Some(0)),
+        "{text}"
+    );
+}
+
+/// A foot that touches the ground in swing takes no step, so it does not divide the stride.
+#[test]
+fn a_stride_contains_the_scuffs_of_its_swing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let steps = regular(1.0, 1.2, 0.7, 800.0);
+    let contacts = steps.flat_map(|step| [step, (step.0 + 0.9, 0.12, 120.0)]);
+    write_contacts(&folder.path().join("left.parquet"), Side::Left, contacts);
+    let (measured, text) = measures(folder.path(), "left.parquet");
+    assert!((mean(&measured, "stride_time_s", "left") - 1.2).abs() < 0.002, "{text}");
+    assert_eq!(
+        (measured["strides"]["left"].as_u64(), measured["gaps"]["left"].as_u64()),
+        (Some(14), Some(0)),
+        "{text}"
+    );
+}
+
+/// The left leg carries 60 N, less than the thresholds.
+#[test]
+fn a_foot_that_was_recorded_but_takes_no_step_is_named_and_there_is_no_cadence() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_contacts(&folder.path().join("left.parquet"), Side::Left, regular(1.0, 1.2, 0.7, 60.0));
+    write_contacts(&folder.path().join("right.parquet"), Side::Right, regular(1.6, 1.2, 0.7, 800.0));
+    let (measured, _) = measures(folder.path(), "left.parquet right.parquet");
+    assert!(measured["cadence_per_min"].is_null() && mean(&measured, "stride_time_s", "right") > 1.0, "{measured:#}");
+    let notes = String::from_utf8_lossy(&gait(folder.path(), "left.parquet right.parquet").stderr).into_owned();
+    assert!(notes.contains("left.parquet: no step: the largest total force is 60.4 N"), "{notes}");
+    assert!(notes.contains("below the threshold of toe off (70 N; --release 70)"), "{notes}");
+    let remedy = "left.parquet right.parquet --thresholds absolute --strike 15 --release 10";
+    let (measured, text) = measures(folder.path(), remedy);
+    assert!((mean(&measured, "peak_force_n", "left") - 60.0).abs() < 1.0, "{text}");
+    assert!((mean(&measured, "stance_time_s", "left") - 0.7).abs() < 0.011, "{text}");
+    // Without the other recording, the cadence assumes that the other foot steps as often.
+    let (measured, _) = measures(folder.path(), "right.parquet");
+    assert!((measured["cadence_per_min"]["mean"].as_f64().expect("a number") - 100.0).abs() < 0.2, "{measured:#}");
+}
+
+/// A walk, and a run after it.
+#[test]
+fn the_measures_of_a_part_of_a_recording_are_those_of_the_activity_in_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (side, lag) in [(Side::Left, 0.0), (Side::Right, 0.5)] {
+        let of_walk = regular(1.0 + 1.2 * lag, 1.2, 0.7, 800.0).take_while(|step| step.0 < 9.0);
+        let of_run = regular(11.0 + 0.7 * lag, 0.7, 0.25, 1600.0);
+        write_contacts(&folder.path().join(format!("{}.parquet", side.name())), side, of_walk.chain(of_run));
+    }
+    for (options, stride_s, flight_s) in [("--to 10", 1.2, 0.0), ("--from 10", 0.7, 0.2)] {
+        let (measured, text) = measures(folder.path(), &format!("left.parquet right.parquet {options}"));
+        assert!((mean(&measured, "stride_time_s", "left") - stride_s).abs() < 0.002, "{text}");
+        assert!((mean(&measured, "flight_s", "left") - flight_s).abs() < 0.011, "{text}");
+        assert_eq!(text.contains("Flight"), flight_s > 0.0, "{text}");
+    }
+    let output = gait(folder.path(), "left.parquet --from 30");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        !output.status.success() && text.contains("no frame from 30 s; the frames are from 0 to 19.99 s"),
+        "{text}"
+    );
+}
+
+/// All contacts last longer than a step. The message names the option.
+#[test]
+fn a_very_slow_walk_is_refused_with_the_option_that_admits_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_contacts(&folder.path().join("left.parquet"), Side::Left, regular(1.0, 4.0, 2.9, 800.0));
+    let output = gait(folder.path(), "left.parquet");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && text.contains("4 longer than a step (2900 ms; --max-stance 2500)"), "{text}");
+    let (measured, text) = measures(folder.path(), "left.parquet --max-stance 5000");
+    assert!((mean(&measured, "stride_time_s", "left") - 4.0).abs() < 0.002, "{text}");
+}
+
+/// Each foot carries between 30 and 330 N, as on the pedals of a bicycle at 90 revolutions a minute.
+#[test]
+fn a_foot_that_is_never_lifted_is_noted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let frames = (100..1900).map(|i| {
+        let t_s = f64::from(i) / 100.0;
+        (t_s, 0.01, 180.0 - 150.0 * (3.0 * std::f64::consts::PI * t_s).cos())
+    });
+    write_contacts(&folder.path().join("left.parquet"), Side::Left, frames);
+    let output = gait(folder.path(), "left.parquet");
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && notes.contains("the foot was not lifted between"), "{notes}");
+    write_contacts(&folder.path().join("left.parquet"), Side::Left, regular(1.0, 1.2, 0.7, 800.0));
+    assert_eq!(String::from_utf8_lossy(&gait(folder.path(), "left.parquet").stderr), "");
+}
+
 #[test]
 fn computed_walks_of_both_feet_are_those_of_one_walk() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -266,7 +404,11 @@ fn the_mean_force_over_whole_strides_is_that_of_the_frames() {
     let SyntheticWalk { stance_s, swing_s, .. } = SyntheticWalk::default();
     let mut expected_n = 0.0;
     for side in [Side::Left, Side::Right] {
-        let recording = walk(&SyntheticWalk { side, steps: 12, variation: 0.0, ..SyntheticWalk::default() }).recording;
+        let mut recording =
+            walk(&SyntheticWalk { side, steps: 12, variation: 0.0, ..SyntheticWalk::default() }).recording;
+        if side == Side::Right {
+            recording.t_s.iter_mut().for_each(|t_s| *t_s += 0.5 * (stance_s + swing_s));
+        }
         let cells = &recording.layout.cells;
         let force_n = |frame: usize| -> f64 {
             let loads = cells.iter().zip(recording.frame(frame));

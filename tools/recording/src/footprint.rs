@@ -6,7 +6,7 @@
 
 use crate::template::{self, FOREFOOT, HEEL};
 use crate::text::significant;
-use crate::{Cell, Recording};
+use crate::{Cell, Clipping, Recording};
 use plantar::{Region, Side};
 
 /// Fraction of the largest force above which the foot is on the ground.
@@ -142,16 +142,20 @@ impl Footprint<'_> {
 
 /// Warnings, each with a remedy. At most one concerns the layout, the first of these that applies: it seems to be in another
 /// unit, to have exchanged axes, to be upside down or to be mirrored. A second one concerns pressures that seem to be in another
-/// unit, unless the layout seems to be in another unit. Empty if none applies.
+/// unit, unless the layout seems to be in another unit. A third one concerns pressures that the range of the sensor seems to
+/// limit. Empty if none applies.
 pub fn warnings(recording: &Recording) -> Vec<String> {
     let layout = size_warning(recording).or_else(|| orientation_warning(recording));
-    layout.into_iter().chain(force_warning(recording, LEAST_FORCE_N)).collect()
+    let force = force_warning(recording, LEAST_FORCE_N);
+    layout.into_iter().chain(force).chain(Clipping::of(recording).warning()).collect()
 }
 
 /// Those of the [`warnings`] that apply to any recording, whatever the person does: the layout seems to be in another unit or to
-/// have exchanged axes, and the largest force is larger than that of a person.
+/// have exchanged axes, the largest force is larger than that of a person, and the range of the sensor seems to limit the
+/// pressures.
 pub fn unit_warnings(recording: &Recording) -> Vec<String> {
-    size_warning(recording).into_iter().chain(force_warning(recording, 0.0)).collect()
+    let force = force_warning(recording, 0.0);
+    size_warning(recording).into_iter().chain(force).chain(Clipping::of(recording).warning()).collect()
 }
 
 /// The extents of the centres of the cells of a layout, and the total area of the cells.
@@ -214,8 +218,9 @@ fn orientation_warning(recording: &Recording) -> Option<String> {
     let side = recording.side.name();
     if is_upside_down {
         Some(format!(
-            "The {side} foot looks upside down: the forefoot is loaded before the heel in every step. If the person did not \
-             walk backwards, turn the layout by 180 degrees in the vendor's program, or correct y_mm in a layout file."
+            "The {side} foot looks upside down: the forefoot is loaded before the heel in every step. If the person \
+             neither walked backwards or down stairs nor on the toes, turn the layout by 180 degrees in the vendor's program, \
+             or correct y_mm in a layout file."
         ))
     } else if is_mirrored() {
         Some(format!(

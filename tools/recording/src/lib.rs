@@ -28,6 +28,7 @@ pub mod xsensor;
 mod assembly;
 mod bins;
 mod check;
+mod clipping;
 mod clock;
 mod columns;
 mod earlier;
@@ -63,6 +64,7 @@ mod xls;
 mod zero;
 
 pub use check::MAX_KPA;
+pub use clipping::Clipping;
 pub use earlier::EarlierRecording;
 pub use error::{Error, Result};
 pub use export::{Export, Format, Options};

@@ -1,10 +1,8 @@
 //! A recording in memory.
 
 use crate::check::{self, At};
-use crate::text::seconds;
-use crate::{Layout, RecordingReader, Result, bins, file, rate};
+use crate::{Layout, RecordingReader, Result, Span, bins, file, rate};
 use plantar::Side;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The pressure under one foot over time.
@@ -95,25 +93,22 @@ impl Recording {
         })
     }
 
-    /// The recording of these frames only, with their times. The source states the part, unless it is the whole recording.
+    /// The frames within `span`, with their times. The source then states the span, unless these are all frames. `name` names the
+    /// recording in messages.
     ///
-    /// # Panics
-    /// Panics if the recording does not have these frames, or if there are none.
-    pub fn part(&self, frames: Range<usize>) -> Self {
-        let t_s = self.t_s[frames.clone()].to_vec();
-        let sentence = match frames.len() == self.frames() {
-            true => String::new(),
-            false => format!(" Only the frames from {} to {} s.", seconds(t_s[0]), seconds(t_s[t_s.len() - 1])),
-        };
+    /// # Errors
+    /// Fails if there is no such frame.
+    pub fn part(&self, span: Span, name: &str) -> Result<Self> {
+        let Some((frames, sentence)) = span.part(&self.t_s, Path::new(name))? else { return Ok(self.clone()) };
         let cells = self.cells();
-        Self {
+        Ok(Self {
             side: self.side,
             layout: self.layout.clone(),
             rate_hz: self.rate_hz,
-            source: format!("{}{sentence}", self.source),
+            source: format!("{} {sentence}", self.source),
+            t_s: self.t_s[frames.clone()].to_vec(),
             pressure_kpa: self.pressure_kpa[frames.start * cells..frames.end * cells].to_vec(),
-            t_s,
-        }
+        })
     }
 
     /// Writes the recording to Parquet: a column `t_s` in seconds, columns `c0_kpa`, `c1_kpa`, ..., and side, rate, source and

@@ -1,12 +1,12 @@
-//! The part of a measurement that an import keeps, by its times.
+//! A part of a measurement, by its times.
 
 use crate::text::seconds;
 use crate::{Error, Result};
 use std::ops::Range;
 use std::path::Path;
 
-/// The first and the last time of the frames to import, s, on the clock of the recording that an import of all frames results
-/// in. The default is the whole measurement.
+/// The first and the last time of frames, s, on the clock of a recording or, for an import, of the recording that an import of
+/// all frames results in. The default is the whole measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
     /// Earlier frames are left out.
@@ -26,7 +26,7 @@ impl Span {
     /// are all frames.
     ///
     /// # Errors
-    /// Fails if no frame is within the span. The message names `path` and the times of the export.
+    /// Fails if no frame is within the span. The message names `path` and the times of the frames.
     pub(crate) fn part(self, t_s: &[f64], path: &Path) -> Result<Option<(Range<usize>, String)>> {
         let start = t_s.partition_point(|&t_s| t_s < self.from_s);
         let end = t_s.partition_point(|&t_s| t_s <= self.to_s);
@@ -40,12 +40,16 @@ impl Span {
                     seconds(first_s),
                     seconds(last_s)
                 ),
-                "state times of this measurement with --from and --to",
+                "state times within these",
             ));
         }
         let left_out = t_s.len() - (end - start);
-        let sentence =
-            || format!("Only the frames {} were imported. Frames that were left out: {left_out}.", self.in_words());
+        let sentence = || {
+            format!(
+                "The recording has only the frames {} of this measurement. Frames that were left out: {left_out}.",
+                self.in_words()
+            )
+        };
         Ok((left_out > 0).then(|| (start..end, sentence())))
     }
 
@@ -68,7 +72,10 @@ mod tests {
         let part = |from_s, to_s| Span { from_s, to_s }.part(&t_s, Path::new("walk.txt")).expect("frames");
         let (range, sentence) = part(0.5, 1.5).expect("a part");
         assert_eq!(range, 1..4);
-        assert_eq!(sentence, "Only the frames from 0.5 to 1.5 s were imported. Frames that were left out: 2.");
+        assert_eq!(
+            sentence,
+            "The recording has only the frames from 0.5 to 1.5 s of this measurement. Frames that were left out: 2."
+        );
         assert_eq!(part(0.0, 2.0), None);
         assert_eq!(part(1.1, f64::INFINITY).map(|(range, _)| range), Some(3..5));
     }

@@ -291,7 +291,11 @@ fn frames_outside_of_the_span_are_not_checked() {
     let span = Span { from_s: 0.5, to_s: 2.0 };
     let recording = csv::import(&paths[0], &paths[1], Side::Left, span, None, &mut |_, _| {}).unwrap();
     assert_eq!((recording.t_s, recording.pressure_kpa), (vec![1.0, 1.01, 1.02], vec![2.0, 3.0, 4.0, 5.0, 6.0, 7.0]));
-    assert!(recording.source.ends_with("Only the frames from 0.5 to 2 s were imported. Frames that were left out: 2."));
+    assert!(
+        recording
+            .source
+            .ends_with("only the frames from 0.5 to 2 s of this measurement. Frames that were left out: 2.")
+    );
     let span = Span { to_s: 1.01, ..span };
     let short = csv::import(&paths[0], &paths[1], Side::Left, span, None, &mut |_, _| {}).unwrap();
     assert_eq!(short.frames(), 2);

@@ -117,7 +117,11 @@ fn a_span_selects_the_frames_of_both_feet_before_a_gap_is_searched_for() {
         for i in 0..41 {
             assert!((foot.force_n(i) - total_n(100 + i)).abs() < 1.0, "frame {i}");
         }
-        assert!(foot.source.contains("foot: Only the frames from 1 to 1.4 s were imported."), "{}", foot.source);
+        assert!(
+            foot.source.contains("foot: The recording has only the frames from 1 to 1.4 s of this measurement."),
+            "{}",
+            foot.source
+        );
         assert!(!foot.source.contains("Frames are missing"), "{}", foot.source);
     }
     let options = Options { span: Span { from_s: 1.5, ..Span::default() }, ..Options::default() };

@@ -77,6 +77,40 @@ pub fn bout_columns() -> Row {
     bout_row(&Bout::new(&record), 0)
 }
 
+/// A note on quantities that have the largest value of their range in some of these steps, so that the true values may be larger;
+/// `None` if there are none. `docs/quantities.md` has the ranges.
+pub fn range_note(steps: &[Step]) -> Option<String> {
+    let of_feet = StepFoot::QUANTITIES.iter().filter_map(|quantity| {
+        let largest = largest(quantity)?;
+        let count = steps.iter().filter(|step| (quantity.value)(&step.foot) == Some(largest)).count();
+        limited(quantity, largest, count)
+    });
+    let of_regions = StepRegion::QUANTITIES.iter().filter_map(|quantity| {
+        let largest = largest(quantity)?;
+        let is_limited = |step: &&Step| step.regions.iter().any(|region| (quantity.value)(region) == Some(largest));
+        limited(quantity, largest, steps.iter().filter(is_limited).count())
+    });
+    let quantities: Vec<_> = of_feet.chain(of_regions).collect();
+    (!quantities.is_empty())
+        .then(|| format!("at the end of their range, so that true values may be larger: {}", quantities.join(", ")))
+}
+
+/// The largest integer of a quantity with a range that can be too short; `None` for others.
+fn largest<T>(quantity: &Quantity<T>) -> Option<i64> {
+    match quantity.wire_type {
+        "u16" => Some(u16::MAX.into()),
+        "i16" => Some(i16::MAX.into()),
+        _ => None,
+    }
+}
+
+/// The name of a quantity with the end of its range, and the number of steps in which it has this value, `count`; `None` for 0.
+fn limited<T>(quantity: &Quantity<T>, largest: i64, count: usize) -> Option<String> {
+    let largest = largest as f64 / f64::from(quantity.per_unit);
+    let steps = if count == 1 { "step" } else { "steps" };
+    (count > 0).then(|| format!("{} ({largest} {} in {count} {steps})", quantity.name, quantity.unit))
+}
+
 /// The columns of these quantities, with the values that they have in `of`: a live frame, a step, a load bout or a region.
 pub fn columns<T: 'static>(
     quantities: impl IntoIterator<Item = &'static Quantity<T>>,
