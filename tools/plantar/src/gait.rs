@@ -8,7 +8,7 @@ use crate::setup::{OPTION_NAMES, StanceArgs, ZeroArgs, time};
 use crate::summary::{align, counted, table};
 use crate::tables::{Format, check_json, write_rows};
 use crate::zero::GRAVITY_M_S2;
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::Args;
 use client::gait::{Estimate, FootGait, FootStep, Gait, Length, MEASURES};
 use client::{ClockMapping, STREAM_INSOLES, are_feet_comparable};

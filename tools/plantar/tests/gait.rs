@@ -351,6 +351,34 @@ fn the_measures_of_a_part_of_a_recording_are_those_of_the_activity_in_it() {
     );
 }
 
+/// The force of each contact follows half of a sine with a peak of 1000 N, so it reaches the threshold of heel strike, 50 N, after
+/// asin(0.05) / pi of the contact time, and falls below that of toe off, 100 N, asin(0.1) / pi before its end. The stride time is
+/// no whole number of frames, so that the rounding to frames averages out.
+#[test]
+fn a_contact_is_shorter_than_the_time_with_force_by_that_below_the_thresholds() {
+    const CONTACT_S: f64 = 0.3;
+    let folder = tempfile::tempdir().expect("a folder");
+    let contacts = regular(1.0, 0.7037, CONTACT_S, 1000.0);
+    let frames = contacts.flat_map(|(start_s, ..)| {
+        let first = (100.0 * start_s).ceil() as u32;
+        let last = (100.0 * (start_s + CONTACT_S)).floor() as u32;
+        (first..=last).map(move |i| {
+            let t_s = f64::from(i) / 100.0;
+            (t_s, 0.01, 1000.0 * (std::f64::consts::PI * (t_s - start_s) / CONTACT_S).sin().max(0.0))
+        })
+    });
+    write_contacts(&folder.path().join("left.parquet"), Side::Left, frames);
+    let lost_s = |threshold_n: f64| CONTACT_S * (threshold_n / 1000.0).asin() / std::f64::consts::PI;
+    for (options, [strike_n, release_n]) in
+        [("", [50.0, 100.0]), ("--thresholds absolute --strike 20 --release 20", [20.0, 20.0])]
+    {
+        let (measured, text) = measures(folder.path(), &format!("left.parquet {options}"));
+        let expected_s = CONTACT_S - lost_s(strike_n) - lost_s(release_n);
+        let found_s = mean(&measured, "stance_time_s", "left");
+        assert!((found_s - expected_s).abs() < 0.003, "{found_s} for {expected_s}: {text}");
+    }
+}
+
 /// All contacts last longer than a step. The message names the option.
 #[test]
 fn a_very_slow_walk_is_refused_with_the_option_that_admits_it() {
