@@ -178,12 +178,12 @@ impl GaitCommand {
             });
             return Ok(Walk { steps: steps.collect(), others: session::other_records(path)?, head: None });
         }
-        if live::is_stream(path) { from_stream(path) } else { self.from_recording(path, stance) }
+        if live::is_stream(path) { from_stream(path) } else { self.replayed(path, stance) }
     }
 
     /// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column,
     /// which two recordings have in common unless they are of insoles.
-    fn from_recording(&self, path: &Path, stance: StanceRule) -> Result<Walk> {
+    fn replayed(&self, path: &Path, stance: StanceRule) -> Result<Walk> {
         let name = path.display().to_string();
         let part = match (self.from, self.to) {
             (None, None) => None,
