@@ -344,6 +344,17 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.stance.on_ground()
     }
 
+    /// Number of frames from heel strike to toe off of the present or last contact; 1 if the force has not reached the threshold
+    /// of toe off. In a contact that does not become a step because it is too long or lacks frames, the number has no meaning.
+    pub fn stance_frames(&self) -> u32 {
+        self.stance.frames()
+    }
+
+    /// Total force in the last frame, N: the sum of the forces of the regions.
+    pub fn total_n(&self) -> R {
+        self.loads.iter().map(|load| load.frame.force.force_n).sum()
+    }
+
     /// Number of contacts so far that did not become steps.
     pub fn rejected(&self) -> Rejected {
         self.stance.rejected()

@@ -39,7 +39,7 @@ impl Table {
         let _ = GapConfig::Peripheral(PeripheralConfig { name: insole.name(), appearance }).build(&mut table);
 
         // A phone that has bonded may remember the handles, and there is no Service Changed. So the handles of the insole's
-        // service never change: new services follow after the others.
+        // service never change: all services that can be missing or new follow it.
         let mut insole_service = table.add_service(Service::new(Uuid::from(gatt::SERVICE)));
         let mut stream = |uuid: u128, props: &[CharacteristicProp]| {
             insole_service.add_characteristic_small(Uuid::from(uuid), props, []).build()
@@ -70,9 +70,9 @@ impl Table {
         (Self { battery, time, cadence, control, live, steps, parameters, management }, AttributeServer::new(table))
     }
 
-    /// True for handles that only a bonded central on an encrypted link may write: all that can be written, also those of
-    /// subscriptions. A phone pairs only if it is refused, so that a generic app that subscribes to the cadence pairs, too, and
-    /// is not disconnected after 30 s.
+    /// True for handles that only a bonded central on an encrypted link may write: those of all values that can be written, and
+    /// of all subscriptions. Subscriptions are included because a phone pairs only after a refusal: otherwise a generic app that
+    /// only subscribes to the cadence would never pair, and would be disconnected after 30 s.
     pub fn is_guarded(&self, handle: u16) -> bool {
         handle >= self.control.handle
     }

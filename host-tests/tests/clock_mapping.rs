@@ -83,7 +83,7 @@ fn times_are_converted_in_both_directions() {
 /// The steps of a walk without the host arrive when it connects, hours later. The clocks agree, and requests are delayed by up to
 /// 30 ms, so the drift that the first seconds seem to show is an error of the delays.
 #[test]
-fn the_drift_of_seconds_does_not_count_for_hours() {
+fn a_drift_estimated_over_seconds_is_not_extrapolated_over_hours() {
     for seed in 0..40 {
         let mut random = Rng::with_seed(seed);
         let clock = Clock { start_us: 20e9, drift: 0.0, interval_us: 30e3 };
@@ -130,7 +130,7 @@ fn a_clock_that_is_set_is_followed_within_35_s() {
 
 /// A page in the background sends one request a minute, and each of them arrives 60 ms late.
 #[test]
-fn a_single_late_request_does_not_count_as_a_clock_that_was_set() {
+fn late_requests_a_minute_apart_do_not_count_as_a_clock_that_was_set() {
     let mut mapping = ClockMapping::new();
     for request in 0..1200u64 {
         mapping.answer(EPOCH_US + request * 250_000, 1_000_000_000 + request * 250_000);
@@ -146,7 +146,7 @@ fn a_single_late_request_does_not_count_as_a_clock_that_was_set() {
 /// The clock of an insole without a crystal, 500 ppm fast or slow; and a correct clock of which the first answer is wrong by
 /// 0.8 s, because the host's clock was changed between the request and its answer.
 #[test]
-fn a_slope_that_no_drift_explains_is_wrong_for_35_s_at_most() {
+fn after_a_slope_that_no_drift_explains_times_are_wrong_for_35_s_at_most() {
     for (drift, first_offset_us) in [(500e-6, 0), (-500e-6, 0), (0.0, -800_000)] {
         let mut mapping = ClockMapping::new();
         for request in 0..1200u32 {

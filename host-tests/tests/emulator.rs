@@ -420,7 +420,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     assert_eq!(client.hello().cells, 0);
 }
 
-/// The chip of the reference design holds more than a day of steps.
+/// The log of the reference design's chip holds the 25,000 steps of one foot on a day of 50,000 steps.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn an_insole_continues_with_a_full_log_of_16_mib() {
@@ -651,8 +651,8 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     assert_eq!(session.client.tissue().expect("the insole answers"), tissue());
 }
 
-/// Each fault is detected during a walk and reported, and its cells are masked. Live frames, steps and faults equal those that
-/// a host computes from the same codes.
+/// Each fault is detected during a walk and reported, and its cells are masked, unless it is a single cell that is saturated only
+/// in stance. Live frames, steps and faults equal those that a host computes from the same codes.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
@@ -681,7 +681,7 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
         println!("{fault}: found at {found_s:.2} s");
         assert!(found_s > FAULT_S);
         let mut masked = [0; 8];
-        // A single cell that is saturated in stance only remains in use.
+        // A single cell that is saturated only in stance remains in use.
         if fault.kind != FaultKind::Saturated {
             fault
                 .cells(virtual_insole.cells.len())

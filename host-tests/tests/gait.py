@@ -46,6 +46,15 @@ def estimate(values, consecutive):
     return [n, x.mean(), x.std(ddof=1), x.mean() - half_width, x.mean() + half_width]
 
 
+def uncovered(start, end, steps):
+    """The part of the time from start to end in which none of the steps takes place."""
+    time, at = 0.0, start
+    for _, strike, stance, *_ in sorted(steps, key=lambda step: step[1]):
+        time += max(0.0, min(strike, end) - at)
+        at = min(max(at, strike + stance), end)
+    return time + end - at
+
+
 def strides(own, other):
     """The strides of a foot: start, start of the other foot's step, end, and the measures by name."""
     found = []
@@ -58,6 +67,8 @@ def strides(own, other):
         stride = end - start
         if abs((strike - start) / stride - 0.5) > 0.35:
             continue
+        is_known = k > 0 and other[k][0] == other[k - 1][0] + 1 and strike - other[k - 1][1] <= LONGEST_STRIDE_S
+        before = other[k - 1 : k] if is_known else []
         measures = {
             "stride_time_s": stride,
             "step_time_s": end - strike,
@@ -65,16 +76,16 @@ def strides(own, other):
             "swing_time_s": end - (start + stance),
             "stance_percent": stance / stride * 100,
             "swing_percent": (stride - stance) / stride * 100,
-            # The time without a foot on the ground: after the toe off of this foot, and after that of the other one.
-            "flight_s": max(0.0, strike - (start + stance)) + max(0.0, end - (strike + other[k][2])),
+            # Without a foot on the ground.
+            "flight_s": uncovered(start, end, [(number, start, stance), *before, other[k]]),
             "peak_force_n": peak,
             "force_integral_n_s": integral,
         }
-        if k > 0 and other[k][0] == other[k - 1][0] + 1 and strike - other[k - 1][1] <= LONGEST_STRIDE_S:
+        if before:
             toe_off = other[k - 1][1] + other[k - 1][2]
             # The times of the stance in which the other foot is on the ground: until its toe off, and from its heel strike.
             overlap = lambda a, b: max(0.0, min(b, start + stance) - max(a, start))
-            both = overlap(-np.inf, toe_off) + overlap(strike, np.inf)
+            both = overlap(-np.inf, toe_off) + overlap(strike, strike + other[k][2])
             measures["first_double_support_s"] = overlap(-np.inf, toe_off)
             measures |= {"double_support_s": both, "double_support_percent": both / stride * 100}
             measures |= {"single_support_s": stance - both, "single_support_percent": (stance - both) / stride * 100}

@@ -1,5 +1,5 @@
-//! The values of GATT characteristics: fragments of messages, cadence, and the characteristic Current Time. One further test
-//! checks the quantities of a step in files.
+//! The values of GATT characteristics: fragments of messages, cadence, and the characteristic Current Time. Two further tests
+//! check the identifiers of services and characteristics, and the quantities of a step in files.
 
 use plantar::pipeline::cadence::Cadence;
 use plantar::protocol::current_time::{from_current_time, to_current_time};
@@ -129,12 +129,13 @@ fn slow_walkers_have_a_cadence_in_the_whole_stride() {
     }
 }
 
-/// Hosts find the services by the UUIDs and messages by the characteristics that docs/bluetooth.md states.
+/// Hosts find the services by the UUIDs that docs/bluetooth.md states, and the kind of a message determines its characteristic.
 #[test]
 fn services_and_characteristics_have_the_documented_identifiers() {
     let text = include_str!("../../docs/bluetooth.md");
     let ours = [gatt::SERVICE, gatt::CONTROL, gatt::LIVE, gatt::STEPS, gatt::PARAMETERS];
     assert_eq!(ours, [0, 1, 2, 3, 4].map(|number| 0xdca8_c300_cb96_463f_8bec_f209_4e1c_cf7b + (number << 96)));
+    assert!(text.contains("dca8c3xx-cb96-463f-8bec-f2094e1ccf7b"));
     for uuid in [gatt::MANAGEMENT_SERVICE, gatt::MANAGEMENT] {
         let digits = format!("{uuid:032X}");
         let parts = [&digits[..8], &digits[8..12], &digits[12..16], &digits[16..20], &digits[20..]];

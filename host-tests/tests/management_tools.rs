@@ -414,7 +414,8 @@ fn tools_set_the_clock_and_do_not_disturb_a_session_over_the_other_link() {
     assert_eq!(client.reconnect(TIMEOUT).expect("the insole answers").firmware, OLD);
 }
 
-/// A tool disconnects before it receives its answer. The first answer waits for the radio, the second one for the storage.
+/// A tool disconnects before it receives its answer: first to an echo, which waits for the radio, then to a request for the
+/// states of the images, which waits for the storage.
 #[test]
 fn an_answer_is_not_sent_to_another_central() {
     let mut tool = Tool::new(LinkKind::Bluetooth);

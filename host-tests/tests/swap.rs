@@ -41,7 +41,7 @@ fn image(version: &str, len: usize) -> Image {
     Image::sign(bytes, &SECRET).expect("the image has a header")
 }
 
-/// The public half of [`SECRET`].
+/// The public key of [`SECRET`].
 fn key() -> [u8; 32] {
     SECRET.verifying_key().to_bytes()
 }

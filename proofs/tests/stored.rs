@@ -23,9 +23,9 @@ fn bound<T>(short: T, long: T) -> T {
     if std::env::var_os("PLANTAR_ASSURE").is_some() { long } else { short }
 }
 
-/// The secret half of the key that signs the images.
+/// The private key that signs the images.
 static SECRET: LazyLock<SigningKey> = LazyLock::new(|| SigningKey::from_bytes(&[7; 32]));
-/// The public half of this key.
+/// Its public key.
 static KEY: LazyLock<[u8; 32]> = LazyLock::new(|| SECRET.verifying_key().to_bytes());
 
 fn ask(update: &mut Update, chip: &mut NorFlashChip, request: &Request) -> Result<Progress, Refusal> {

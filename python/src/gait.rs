@@ -40,8 +40,7 @@ pub fn gait(py: Python, recordings: Vec<PyRef<Recording>>, options: Options) -> 
             walks.push(walk);
         }
         if walks.iter().all(|walk| walk.steps.is_empty()) {
-            let names: Vec<_> = recordings.iter().map(|(_, path)| path.display().to_string()).collect();
-            bail!("no steps in {}: {}", names.join(" and "), notes.join("; "));
+            bail!("no steps: {}", notes.join("; "));
         }
         let mut has_common_clock = true;
         if let [(first, _), (second, _)] = &recordings[..] {

@@ -17,8 +17,13 @@ use study::{ContactOptions, Search, StanceOptions};
 const FREE_BOUNDS: &str = "free";
 
 /// The names of the options in notes on contacts.
-pub const OPTION_NAMES: OptionNames =
-    OptionNames { strike: "strike_n", release: "release_n", min_stance: "min_stance_ms", max_stance: "max_stance_ms" };
+pub const OPTION_NAMES: OptionNames = OptionNames {
+    strike: "strike_n",
+    release: "release_n",
+    min_stance: "min_stance_ms",
+    max_stance: "max_stance_ms",
+    zero: "zero",
+};
 
 /// The attributes of the Python class `Options`, which describes them.
 pub struct Options {

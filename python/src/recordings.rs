@@ -9,7 +9,6 @@ use arrow_data::ArrayData;
 use arrow_pyarrow::PyArrowType;
 use bytes::Bytes;
 use plantar::{Region, Side};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use recording::footprint::unit_warnings;
 use recording::{Layout, Span, template};
@@ -61,16 +60,17 @@ impl Recording {
         Ok(Self { inner: Arc::new(inner), path })
     }
 
-    /// A recording of pressures from Python: all cells of the first frame, then those of the next one. A cell has the values x,
-    /// y, mm, its area, mm2, and the name of its region. Without any region, the template assigns the regions. `name` is the name
-    /// of the recording in messages, and `sensor` that of the layout.
+    /// A recording of pressures from Python: all cells of the first frame, then those of the next one. `cells` has x, y, mm, and
+    /// the area, mm2, of each cell, and `regions` the names of their regions; without them, the template assigns the regions.
+    /// `name` is the name of the recording in messages, and `sensor` that of the layout.
     #[staticmethod]
     #[allow(clippy::too_many_arguments, reason = "the fields of a recording")]
     fn from_arrays(
         py: Python,
         t_s: PyArrowType<ArrayData>,
         pressure_kpa: PyArrowType<ArrayData>,
-        cells: Vec<(f64, f64, f64, Option<String>)>,
+        cells: Vec<(f64, f64, f64)>,
+        regions: Option<Vec<String>>,
         side: &str,
         rate_hz: f64,
         name: String,
@@ -78,18 +78,16 @@ impl Recording {
         source: String,
     ) -> PyResult<Self> {
         let side = named("side", side, &[("left", Side::Left), ("right", Side::Right)])?;
-        let has_regions = cells.iter().any(|(.., region)| region.is_some());
-        let cell = |(x_mm, y_mm, area_mm2, region): (f64, f64, f64, Option<String>)| -> PyResult<recording::Cell> {
-            let region = match region {
-                Some(region) => named("region", &region, &Region::ALL.map(|region| (region.name(), region)))?,
-                None if has_regions => return Err(PyValueError::new_err("some cells have a region and some do not")),
-                None => Region::Heel,
-            };
-            Ok(recording::Cell { x_mm, y_mm, area_mm2, region })
-        };
-        let mut cells = cells.into_iter().map(cell).collect::<PyResult<Vec<_>>>()?;
-        if !has_regions {
-            template::assign(&mut cells);
+        let cell = |(x_mm, y_mm, area_mm2)| recording::Cell { x_mm, y_mm, area_mm2, region: Region::Heel };
+        let mut cells: Vec<_> = cells.into_iter().map(cell).collect();
+        match regions {
+            None => template::assign(&mut cells),
+            Some(regions) => {
+                let all = Region::ALL.map(|region| (region.name(), region));
+                for (cell, region) in cells.iter_mut().zip(&regions) {
+                    cell.region = named("region", region, &all)?;
+                }
+            }
         }
         let inner = recording::Recording {
             side,
@@ -105,9 +103,9 @@ impl Recording {
 
     /// The frames from `from_s` to `to_s`.
     fn part(&self, py: Python, from_s: Option<f64>, to_s: Option<f64>) -> PyResult<Self> {
-        let whole = Span::default();
-        let span = Span { from_s: from_s.unwrap_or(whole.from_s), to_s: to_s.unwrap_or(whole.to_s) };
-        let inner = py.detach(|| self.inner.part(span, &self.path.display().to_string())).map_err(exception)?;
+        let name = self.path.display().to_string();
+        let part = || recording::Recording::clone(&self.inner).part(Span::new(from_s, to_s)?, &name);
+        let inner = py.detach(part).map_err(exception)?;
         Ok(Self { inner: Arc::new(inner), path: self.path.clone() })
     }
 

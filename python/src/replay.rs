@@ -6,7 +6,7 @@ use crate::options::{OPTION_NAMES, Options};
 use crate::recordings::Recording;
 use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
-use fit::contacts::OtherContacts;
+use fit::contacts::ContactCollector;
 use parameters::{Identified, InsoleSize, Parameters};
 use plantar::faults::Faults;
 use plantar::insole::Insole;
@@ -24,7 +24,7 @@ use study::{frames, virtual_insole, walk};
 struct Replayed {
     steps: Vec<Step>,
     bouts: Vec<Bout>,
-    /// Notes on contacts that the recording cuts off, and on sensor faults, as texts for the user.
+    /// Notes for the user: those of [`walk::notes`], and on sensor faults.
     notes: Vec<String>,
     /// The live values: one vector for each of the columns [`frames::column_names`]. The vectors are empty if the values were not
     /// requested.
@@ -110,7 +110,7 @@ fn run<R: Real>(
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     insole.set_tissue(tissue)?;
     let (mut steps, mut columns, mut row) = (Vec::new(), vec![Vec::new(); frames::column_names().len()], Vec::new());
-    let (mut bouts, mut others, mut largest_n) = (Vec::new(), OtherContacts::new(&virtual_insole.setup), 0.0f64);
+    let (mut bouts, mut others) = (Vec::new(), ContactCollector::new(&virtual_insole.setup));
     let mut scans = virtual_insole.scans(recording);
     let mut add_step = |toe_off: bool, insole: &mut Insole<R, MAX_CELLS>| {
         steps.extend(toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step)));
@@ -119,8 +119,6 @@ fn run<R: Real>(
     while let Some(Scan { index, t_s: Some(t_s), codes }) = scans.next_scan()? {
         let toe_off = insole.frame(index as u32, codes);
         others.frame(t_s, toe_off, &insole);
-        let total_n = insole.loads().iter().map(|load| load.frame.force.force_n.to_f64()).sum();
-        largest_n = largest_n.max(total_n);
         add_step(toe_off, &mut insole);
         // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the next
         // step.
@@ -135,7 +133,7 @@ fn run<R: Real>(
     add_step(toe_off, &mut insole);
     bouts.extend(std::iter::from_fn(|| insole.end_bout()).map(|bout| Bout::new(&bout)));
     let stance = &virtual_insole.setup.stance;
-    let mut notes = walk::notes(&others.end(&insole), &steps, largest_n, stance, &OPTION_NAMES);
+    let mut notes = walk::notes(&others.end(&insole), &steps, stance, &OPTION_NAMES);
     notes.extend(fault_note(insole.faults()));
     Ok(Replayed { steps, bouts, notes, frames: columns })
 }

@@ -598,6 +598,8 @@ def test_arrays_that_are_no_recording_are_refused_with_the_place(walk_file: path
         made(side="both")
     with pytest.raises(ValueError, match='region = "toe": expected "heel" or '):
         made(cells=cells.assign(region="toe"))
+    with pytest.raises(ValueError, match="own: cells: a cell has no region"):
+        made(cells=cells.assign(region=[None, *cells["region"][1:]]))
     with pytest.raises(ValueError, match="own: frame 3: "):
         made(t_s=np.where(np.arange(len(pressure_kpa)) == 3, 1e3, original.t_s))
     pressure_kpa[5, 7] = np.nan
@@ -618,6 +620,31 @@ def test_a_part_of_a_recording_has_the_steps_in_it(walk_file: pathlib.Path) -> N
     assert whole.part().source == whole.source
     with pytest.raises(ValueError, match=r"no frame from 1000 s; the frames are from 0 to "):
         whole.part(1000)
+    with pytest.raises(ValueError, match="the part does not end after it begins"):
+        whole.part(float("nan"))
+
+
+def test_pressures_at_a_limit_and_values_at_the_end_of_their_range_are_named(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    whole = package.read(walk_file)
+
+    def recorded(pressure_kpa: Any) -> package.Recording:
+        fields = {"rate_hz": whole.rate_hz, "name": "own", "sensor": "s"}
+        return package.Recording.from_numpy(pressure_kpa, whole.cells, side="right", **fields)
+
+    with pytest.warns(UserWarning, match="own: In .* frames, several cells have exactly the largest pressure, 150 kPa"):
+        limited = recorded(np.minimum(whole.pressure_kpa, 150))
+    limited.write(tmp_path / "limited.parquet")
+    assert "warning: In " in plantar("info", tmp_path / "limited.parquet")
+    assert "warning: In " not in plantar("info", walk_file)
+    # Heels on which the whole force of a step begins within a frame.
+    steps = np.repeat(whole.pressure_kpa.max(axis=0)[None] * 4, 200, axis=0)
+    steps[np.arange(200) % 100 < 50] = 0
+    with pytest.warns(UserWarning, match=r"largest force"):
+        sudden = recorded(steps)
+    with pytest.warns(UserWarning, match=r"at the end of their range, .*loading_rate_n_s \(65535 N/s in \d steps?\)"):
+        sudden.replay()
 
 
 def test_load_bouts_are_those_of_the_command_line(tmp_path: pathlib.Path, walk_file: pathlib.Path) -> None:

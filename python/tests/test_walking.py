@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -53,17 +54,42 @@ def test_recordings_of_the_same_foot_and_options_without_effect_are_refused(feet
         package.gait(feet, options=package.Options(contact_on_kpa=5))
     with pytest.raises(TypeError, match="either stride_length_m or distance_m"):
         package.gait(feet).speed_m_s()
-    with pytest.raises(ValueError, match="expected a length above 0"):
+    with pytest.raises(ValueError, match="expected a length in metres, above 0"):
         package.gait(feet).speed_m_s(distance_m=-1)
     with pytest.raises(ValueError, match="no recording"):
         package.gait([])
 
 
-def test_recordings_of_different_walks_are_noted(tmp_path: pathlib.Path, feet: list[pathlib.Path]) -> None:
+def recorded(original: package.Recording, pressure_kpa: npt.NDArray[np.float32], name: str, **changed: Any) -> package.Recording:
+    """A recording with the cells of another one."""
+    fields: dict[str, Any] = {"side": original.side, "rate_hz": original.rate_hz, "sensor": "s"} | changed
+    return package.Recording.from_numpy(pressure_kpa, original.cells, name=name, **fields)
+
+
+def test_recordings_that_cannot_be_compared_are_refused_or_noted(feet: list[pathlib.Path]) -> None:
+    left, right = (package.read(path) for path in feet)
+    slow = recorded(right, right.pressure_kpa, "slow", rate_hz=50.0)
+    with pytest.raises(ValueError, match=r"different rates \(100.00 and 50.00 Hz\)"):
+        package.gait([left, slow])
+    own = recorded(right, right.pressure_kpa, "own", sensor="insole 0x1a, 240 cells")
+    with pytest.warns(UserWarning, match="the feet are not compared"):
+        gait = package.gait([left, own])
+    assert gait.strides["double_support_s"].isna().all() and not gait.results["has_both_feet"]
+
+
+def test_a_foot_without_a_step_is_named(feet: list[pathlib.Path]) -> None:
+    left, right = (package.read(path) for path in feet)
+    still = recorded(right, np.full_like(right.pressure_kpa, 0.1), left.source)
+    with pytest.warns(UserWarning, match="no step: the largest total force is"):
+        gait = package.gait([left, still])
+    assert ("cadence_per_min", "both") not in gait.table().index and np.isnan(gait.speed_m_s(stride_length_m=1.4))
+    with pytest.raises(ValueError, match="^no steps: .*no step: the largest total force is"):
+        package.gait(still)
+
+
+def test_recordings_of_different_walks_are_noted(feet: list[pathlib.Path]) -> None:
     left = package.read(feet[0])
-    other = package.Recording.from_numpy(
-        left.pressure_kpa, left.cells, side="left", rate_hz=left.rate_hz, name="another day", sensor="s", t_s=left.t_s
-    )
+    other = recorded(left, left.pressure_kpa, "another day", t_s=left.t_s)
     with pytest.warns(UserWarning, match="different origins"):
         package.gait([other, feet[1]])
 
@@ -75,15 +101,9 @@ def test_the_zero_is_subtracted(tmp_path: pathlib.Path, feet: list[pathlib.Path]
     still = np.full_like(right.pressure_kpa[:2000], offset_kpa)
     # A standing trial: 5 s seated, 10 s of standing, 5 s seated.
     still[500:1500] += 40.0
-
-    def recorded(pressure_kpa: npt.NDArray[np.float32], name: str) -> package.Recording:
-        return package.Recording.from_numpy(
-            pressure_kpa, right.cells, side="right", rate_hz=right.rate_hz, name=name, sensor="s"
-        )
-
-    recorded(still, "standing").write(tmp_path / "standing.parquet")
+    recorded(right, still, "standing").write(tmp_path / "standing.parquet")
     plantar("zero", tmp_path / "standing.parquet", "--out", tmp_path / "zero.toml")
-    shifted = recorded(right.pressure_kpa + np.float32(offset_kpa), "walk")
+    shifted = recorded(right, right.pressure_kpa + np.float32(offset_kpa), "walk")
     expected, result = package.gait(right), package.gait(shifted, options=package.Options(zero=tmp_path / "zero.toml"))
     peaks_n = [gait.table().loc[("peak_force_n", "right"), "mean"] for gait in (expected, result)]
     assert peaks_n[0] == pytest.approx(peaks_n[1], rel=0.01)

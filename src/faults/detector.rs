@@ -131,7 +131,7 @@ impl FaultDetector {
     /// baselines.
     #[inline(always)]
     pub(crate) fn interrupt_review(&mut self, carries_load: bool) -> bool {
-        let is_changed = carries_load && self.next_cell.is_some() && self.review.rezeroed > 0;
+        let is_changed = carries_load && self.next_cell.is_some() && self.review.changed_baselines > 0;
         if carries_load {
             // A review that this stance interrupts is abandoned.
             self.is_interrupted |= self.next_cell.is_some();
@@ -194,10 +194,10 @@ impl FaultDetector {
         }
         self.reviewed_seq = Some(frame.seq);
         if self.is_zero_requested && self.review.rise == Rise::Whole {
-            (self.is_zero_requested, self.zeroed) = (false, self.review.rezeroed);
+            (self.is_zero_requested, self.zeroed) = (false, self.review.changed_baselines);
         }
         let found_before = self.faults.found;
-        self.faults.rezeroed = self.faults.rezeroed.wrapping_add(self.review.rezeroed);
+        self.faults.rezeroed = self.faults.rezeroed.wrapping_add(self.review.changed_baselines);
         self.faults.with_former_baseline = self.review.with_former_baseline;
         if self.review.has_stance {
             self.conclude(frame);
@@ -205,7 +205,7 @@ impl FaultDetector {
             // The inspections of rows in a contact that is no step must not count in the next step.
             self.rows.begin_step();
         }
-        self.review.rezeroed > 0 || self.faults.found != found_before
+        self.review.changed_baselines > 0 || self.faults.found != found_before
     }
 
     /// Concludes a review of all cells: reports faults of lines first, then those of single cells, and crosstalk of a row only if

@@ -27,8 +27,8 @@ pub(super) struct Review {
     pub(super) has_stance: bool,
     /// Number of cells that carried load in recent steps and did not respond in this step.
     pub(super) unresponsive: u32,
-    /// Number of corrected baselines.
-    pub(super) rezeroed: u32,
+    /// Number of baselines that this review has changed; added to [`Faults::rezeroed`](super::Faults::rezeroed).
+    pub(super) changed_baselines: u32,
     /// See [`Faults::with_former_baseline`](super::Faults::with_former_baseline).
     pub(super) with_former_baseline: [u8; 8],
     /// Bit i: the reading of a cell of row i has risen by more than [`MAX_RISE`] since the last swing, so its residual pressure
@@ -38,7 +38,7 @@ pub(super) struct Review {
 
 impl Review {
     pub(super) const fn new(rise: Rise, has_stance: bool) -> Self {
-        Self { rise, has_stance, unresponsive: 0, rezeroed: 0, with_former_baseline: [0; 8], risen_rows: 0 }
+        Self { rise, has_stance, unresponsive: 0, changed_baselines: 0, with_former_baseline: [0; 8], risen_rows: 0 }
     }
 
     /// Reviews some cells from index `first` on, as many as it takes to review all cells in `frames` frames. Returns the index of
@@ -71,7 +71,7 @@ impl Review {
             let cell = &mut frame.cells[index];
             let is_changed = cell.follow(code, last_reading, self.rise, &frame.setup.contact, frame.curve);
             cell.marks.swing_reading = reading(cell, code);
-            self.rezeroed += u32::from(is_changed);
+            self.changed_baselines += u32::from(is_changed);
             if is_exceeded {
                 let cells = &mut self.with_former_baseline[frame.region(index)];
                 *cells = cells.saturating_add(1);
@@ -131,7 +131,7 @@ fn review_stance<R: Real>(cell: &mut InsoleCell<R>, neighbours: Option<&Neighbou
     let marks = &mut cell.marks;
     let loaded_steps = marks.count(Count::Loaded);
     marks.clear(NO_RESPONSE);
-    let (mut is_isolated, mut carried_load) = (false, false);
+    let (mut is_evidence, mut carried_load) = (false, false);
     if marks.has(LOADED) {
         marks.set_count(Count::Loaded, loaded_steps + 1);
     } else if let (false, Some(neighbours)) = (marks.has(RESPONDED), neighbours) {
@@ -146,9 +146,9 @@ fn review_stance<R: Real>(cell: &mut InsoleCell<R>, neighbours: Option<&Neighbou
         let is_full_size = carried_load || 2 * cell.region.whole() >= neighbours.largest;
         let is_hole =
             neighbours.is_surrounded() && neighbours.adjacent >= 7 && neighbours.loaded == neighbours.adjacent;
-        is_isolated = is_full_size && is_hole;
+        is_evidence = is_full_size && is_hole;
     }
-    marks.count_if(Count::NoResponse, is_isolated);
+    marks.count_if(Count::NoResponse, is_evidence);
     let is_implausible = marks.has(IMPLAUSIBLE_SATURATION);
     marks.count_if(Count::ImplausibleSaturation, is_implausible);
     carried_load

@@ -16,8 +16,8 @@
 //! - A baseline is at most [`MAX_RESIDUAL_KPA`] above the zero. The former baseline of a cell that reads more under a
 //!   lifted foot remains in force, and the cell is counted in [`Faults::with_former_baseline`](crate::faults::Faults).
 //!
-//! The pressure of the baseline is subtracted from the pressure of the cell. It is not subtracted from the code, because codes
-//! are not proportional to pressure. If the baseline is below the calibrated zero, the zero follows it.
+//! The pressure of the baseline is subtracted from the pressure of the cell. Subtracting the codes instead would be wrong,
+//! because codes are not proportional to pressure. If the baseline is below the calibrated zero, the zero follows it.
 
 use super::calibrate::{CellCalibration, Curve};
 use super::marks::{MAX_LOWERED, NOISE};

@@ -10,8 +10,8 @@ pub const REFERENCE_PEAK_N: f64 = 700.0;
 const SCALE: (f64, f64) = (0.2, 2.0);
 /// A step of walking has at least this peak, relative to the usual one.
 const WALKING: f64 = 0.5;
-/// A step with less than this peak, relative to the usual one, may be a press of a seated foot. A runner's steps have more when
-/// the runner walks.
+/// A step with less than this peak, relative to the usual one, may be a press of a seated foot. When a runner begins to walk,
+/// the steps still have a higher peak than this.
 const WEAK: f64 = 0.3;
 /// A contact with less than this stance time, relative to the usual one, is brief.
 const BRIEF: f64 = 1.0 / 3.0;
@@ -30,9 +30,9 @@ pub(crate) const SETTLE_MS: u32 = 100;
 pub struct StanceRule {
     /// Heel strike: the total force reaches this value, N, above 0 and at most 1000.
     pub strike_n: f32,
-    /// Toe off: the total force falls below this value, N, above 0 and at most 1000. If `release_n` is above `strike_n`, the next
-    /// heel strike needs `release_n` until the force has fallen below `strike_n`, so a force that fades after toe off is no heel
-    /// strike.
+    /// Toe off: the total force falls below this value, N, above 0 and at most 1000. If `release_n` is above `strike_n`, the
+    /// force after toe off must first fall below `strike_n`; until then, only a force of at least `release_n` is a heel strike.
+    /// So a force that fades after toe off is not taken for one.
     pub release_n: f32,
     /// Shorter contacts are not steps, ms; below `max_stance_ms`.
     pub min_stance_ms: u16,
@@ -109,7 +109,7 @@ impl<R: Real> StanceLimits<R> {
         is_adaptive: false,
     };
 
-    /// The rule at a frame period, us. Durations are rounded to whole frames, at least one.
+    /// The rule at a frame period, us. Its durations are rounded to whole frames, at least one; [`SETTLE_MS`] is rounded up.
     pub fn new(rule: &StanceRule, period_us: u32) -> Self {
         let frames = |ms: u16| ((u32::from(ms) * 1000 + period_us / 2) / period_us).max(1);
         Self {
@@ -131,7 +131,7 @@ impl<R: Real> StanceLimits<R> {
 
     /// Factor of the thresholds: the mean peak of the recent steps, `recent_peak_n`, relative to [`REFERENCE_PEAK_N`], within
     /// [`SCALE`]; 1 before the first step, when `recent_peak_n` is 0, and for a rule that is not adaptive.
-    pub fn scale(&self, recent_peak_n: R) -> R {
+    pub(super) fn scale(&self, recent_peak_n: R) -> R {
         if self.is_adaptive && recent_peak_n > R::ZERO {
             (recent_peak_n * R::of(1.0 / REFERENCE_PEAK_N)).max(R::of(SCALE.0)).min(R::of(SCALE.1))
         } else {

@@ -25,8 +25,7 @@ quantities! {
         /// A cell is saturated, so the force is a lower bound.
         saturated: u8 = bits(loads, |load| load.frame.saturated),
             flags "The code of a cell is at the end of the scale.";
-        /// The contact exceeds the ellipsoid, so the deformation is limited to C, a lower bound, and the model force is that at
-        /// this limit.
+        /// The contact exceeds the ellipsoid: the deformation is limited to C, a lower bound, and the model force is that at C.
         clamped: u8 = bits(loads, |load| load.tissue.clamped),
             flags "The contact area exceeds pi A B.";
         /// Cells are masked.

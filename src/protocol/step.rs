@@ -39,8 +39,7 @@ quantities! {
         /// A cell was saturated, so the forces are lower bounds.
         saturated: u8 = record.saturated,
             flags "The code of a cell reached the end of the scale.";
-        /// The contact exceeded the ellipsoid, so the deformation was limited to C, a lower bound, and the model force is that at
-        /// this limit.
+        /// The contact exceeded the ellipsoid: the deformation was limited to C, a lower bound, and the model force is that at C.
         clamped: u8 = bits(&record.regions, |region| region.clamped),
             flags "The contact area exceeded pi A B.";
         /// The contact rule of the areas.

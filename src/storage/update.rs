@@ -15,11 +15,11 @@ use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKi
 use mcumgr::Sha256;
 use salty::{PublicKey, Sha512};
 
-/// The public half of the development key, in hex. Its secret half is published (`docs/security.md`).
+/// The public development key, in hex. Its private key is published (`docs/security.md`).
 pub const DEVELOPMENT_KEY: &str = "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c";
 
-/// The public half of the key that images must be signed with: the build reads it from `PLANTAR_UPDATE_KEY`, in hex. The default
-/// is the development key.
+/// The public key with which the signatures of images are checked: the build reads it from `PLANTAR_UPDATE_KEY`, in hex. The
+/// default is that of the development key.
 pub const KEY: [u8; 32] = from_hex(match option_env!("PLANTAR_UPDATE_KEY") {
     Some(key) => key,
     None => DEVELOPMENT_KEY,
@@ -190,8 +190,8 @@ async fn accept<F: NorFlash>(flash: &mut F, key: &[u8; 32], offer: &Offer) -> Re
     Ok(Progress::Accepted)
 }
 
-/// True if this is the signature of the first `len` bytes of the received image, a multiple of [`CHUNK`], by the secret half of
-/// this key.
+/// True if this is the signature of the first `len` bytes of the received image, a multiple of [`CHUNK`], by the private key that
+/// belongs to `key`.
 async fn is_signed<F: NorFlash>(
     flash: &mut F,
     len: u32,

@@ -105,7 +105,7 @@ pub fn require_update_key() {
 pub fn check_update_key(key: Option<&str>, is_development_allowed: bool) -> Result<(), String> {
     let is_development = key.is_none_or(|key| key.eq_ignore_ascii_case(DEVELOPMENT_KEY));
     if is_development && !is_development_allowed {
-        return Err("this firmware would accept updates signed with the development key, of which the secret half is public: set \
+        return Err("this firmware would accept updates signed with the development key, of which the private key is public: set \
              PLANTAR_UPDATE_KEY to the key that `cargo xtask key --out insole.key` prints, or, for a board that only you use, \
              build with `--features development-key`"
             .into());

@@ -32,7 +32,8 @@ class Recording:
     def from_arrays(
         t_s: pyarrow.Array,
         pressure_kpa: pyarrow.Array,
-        cells: Sequence[tuple[float, float, float, str | None]],
+        cells: Sequence[tuple[float, float, float]],
+        regions: Sequence[str] | None,
         side: str,
         rate_hz: float,
         name: str,

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pyarrow
     from matplotlib.figure import Figure
 
+
 def _check_distinct(recordings: Iterable[Recording], known: dict[bytes, str]) -> None:
     """Raises a ``ValueError`` if a recording has the same pressures as another one, or as one of those in ``known``, the paths
     of previous recordings by checksum. Adds the recordings to ``known``."""

@@ -46,7 +46,7 @@ def read(path: Path) -> Recording:
 
     Raises an ``OSError`` if the file cannot be read, and a ``ValueError`` that names the place and the remedy if it is not a
     recording. A ``UserWarning`` states that the largest force or the cells cannot be those of a foot in walking, because a value
-    may be in another unit.
+    may be in another unit, or that the range of the sensor seems to limit the pressures.
     """
     recording = opened(path)
     for note in notes_on_units(recording):
@@ -139,13 +139,12 @@ class Recording:
         ``pressure_kpa`` has one row for each frame and one column for each cell, from 0 to 50,000 kPa, and is copied as 32-bit
         floating-point numbers. ``cells`` has one row for each cell with the columns ``x_mm``, ``y_mm`` and ``area_mm2`` as in
         ``Recording.cells``, and optionally ``region``; without this column, regions are assigned by the template, as in
-        ``plantar import``. ``name`` is that of the recording in messages, and the default of the person's name in a fit.
-        ``sensor`` is the name of the layout: recordings of one sensor have the same. ``t_s`` has the time of each frame, at
-        ``rate_hz``; the default starts at 0. ``source`` states the origin of the measurement and its processing, in sentences;
-        the default is the name.
+        ``plantar import``. ``name`` is that of the recording in messages and, up to its last point, the default of the person's
+        name in a fit. ``sensor`` is the name of the layout: recordings of one sensor have the same. ``t_s`` has the time of each
+        frame, at ``rate_hz``; the default starts at 0. ``source`` states the origin of the measurement and its processing, in
+        sentences; the default is the name.
 
-        Raises a ``ValueError`` that names the frame or the cell if a value is out of range. A ``UserWarning`` states that the
-        largest force or the cells cannot be those of a foot in walking, as in ``read``.
+        Raises a ``ValueError`` that names the frame or the cell if a value is out of range. It has the warnings of ``read``.
         """
         pressures = np.ascontiguousarray(pressure_kpa, dtype=np.float32)
         if pressures.ndim != 2 or pressures.shape[1] != len(cells):
@@ -159,11 +158,14 @@ class Recording:
         if times.shape != (len(pressures),):
             raise ValueError(f"{name}: t_s has the shape {times.shape}: expected one time for each of {len(pressures)} frames")
         places = cells[["x_mm", "y_mm", "area_mm2"]].astype(float).itertuples(index=False, name=None)
-        regions = cells["region"].astype(str) if "region" in cells else [None] * len(cells)
+        has_regions = "region" in cells
+        if has_regions and cells["region"].isna().any():
+            raise ValueError(f"{name}: cells: a cell has no region: give each cell a region, or leave out the column")
         core = _core.Recording.from_arrays(
             pa.array(times),
             pa.array(pressures.ravel()),
-            [(*place, region) for place, region in zip(places, regions, strict=True)],
+            list(places),
+            list(cells["region"].astype(str)) if has_regions else None,
             side,
             rate_hz,
             name,
@@ -267,8 +269,8 @@ class Recording:
         """The steps as an insole computes them, with the same code.
 
         ``params`` is a parameter file. Without one, typical parameters of ``options.size`` are used, and a warning states that
-        they are not personal. Warnings also name regions to which typical parameters do not apply, contacts that the beginning
-        or the end of the recording cuts off, sensor faults and masked cells, or state that there is no step. ``precision`` is
+        they are not personal. Warnings also name regions to which typical parameters do not apply, contacts that are no steps,
+        values at the end of their range, sensor faults and masked cells, or state that there is no step. ``precision`` is
         ``f32``, that of the insole, or ``f64``. Raises a ``ValueError`` if an option that has no effect on a replay, such as
         ``filter``, differs from its default.
         """

@@ -8,7 +8,7 @@ use estimate::Consecutive;
 use plantar::protocol::Step;
 use plantar::sequence::is_after;
 use serde_json::{Value, json};
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 /// A step on the clock of the walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,6 +90,11 @@ pub const MEASURES: [Measure; COUNT] = [
     measure("peak_force_n", "Peak force", "N", 0, true),
     measure("force_integral_n_s", "Force-time integral", "N s", 1, true),
 ];
+
+/// Places of measures in [`MEASURES`].
+const STEP_TIME: usize = 1;
+const SUPPORTS: Range<usize> = 6..11;
+const FLIGHT: usize = 11;
 
 /// Longest stride time, s, of a person who does not walk slowly: a longer time between two steps of a foot contains a pause. The
 /// longest strides in the walks of the package `moticon-opengo` (docs/baseline.md) take 2.2 s.
@@ -314,16 +319,18 @@ fn values_of_both(
 ) -> [Option<f64>; COUNT] {
     let stride_s = next.start_s - step.start_s;
     let mut values = values_of(step, stride_s);
-    // The step time, and the times from each toe off to the next heel strike of the other foot.
-    values[1] = Some(next.start_s - other.start_s);
-    values[11] = Some((other.start_s - step.end_s()).max(0.0) + (next.start_s - other.end_s()).max(0.0));
+    values[STEP_TIME] = Some(next.start_s - other.start_s);
+    // From the last toe off to the next heel strike, twice in a stride.
+    let lifted_s = before.map_or(step.end_s(), |before| step.end_s().max(before.end_s()));
+    let both_lifted_s = step.end_s().max(other.end_s());
+    values[FLIGHT] = Some((other.start_s - lifted_s).max(0.0) + (next.start_s - both_lifted_s).max(0.0));
     if let Some(before) = before {
-        let first_s = (before.end_s() - step.start_s).max(0.0);
-        let second_s = (step.end_s() - other.start_s).max(0.0);
+        let first_s = (before.end_s().min(step.end_s()) - step.start_s).max(0.0);
+        let second_s = (step.end_s().min(other.end_s()) - other.start_s).max(0.0);
         let (double_s, single_s) = (first_s + second_s, step.duration_s - first_s - second_s);
         let supports = [first_s, double_s, 100.0 * double_s / stride_s, single_s, 100.0 * single_s / stride_s];
         // The phases of double and of single support.
-        values[6..11].copy_from_slice(&supports.map(Some));
+        values[SUPPORTS].copy_from_slice(&supports.map(Some));
     }
     values
 }

@@ -147,6 +147,19 @@ fn a_run_has_flight_instead_of_double_support() {
     assert_means(&gait, "flight_s", [STRIDE_S - 2.0 * 0.25; 2]);
 }
 
+/// The right foot only touches the ground while the left one carries the body.
+#[test]
+fn a_foot_within_the_stance_of_the_other_one_leads_to_no_flight_and_no_negative_support() {
+    let [mut left, mut right] = walk(10.0, 10, 0);
+    left.iter_mut().for_each(|step| step.duration_s = 0.95);
+    right.iter_mut().for_each(|step| step.duration_s = 0.2);
+    let gait = Gait::new([left, right], true);
+    // Each stride of 1.1 s ends with 0.15 s in which neither foot is on the ground.
+    assert_means(&gait, "flight_s", [0.15; 2]);
+    assert_means(&gait, "double_support_s", [0.2; 2]);
+    assert_means(&gait, "single_support_s", [0.75, 0.0]);
+}
+
 /// The left foot lands up to 4 ms before or after the right one.
 #[test]
 fn jumps_on_both_feet_are_no_strides() {

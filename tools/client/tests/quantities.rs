@@ -45,8 +45,8 @@ two keys have lists of the names of the regions to which they apply.
 A value is an integer on the wire, so it has a resolution and a largest value, which also stands for larger ones;
 [hosts.md](hosts.md#absent-quantities) states how null is sent. Quantities of a contact ellipse are null without contact. In a
 step, quantities of the model are null without a model force, as on an insole without parameters; the valley and the second peak
-of the total force, if there is one hump; and the centre of pressure excursion index, if the path does not reach two thirds of the
-length of the foot. In a live frame, deformation and model force are 0 without parameters. Equations are those of
+of the total force, if there is only one hump; and the centre of pressure excursion index, if the path does not reach two thirds
+of the length of the foot. In a live frame, deformation and model force are 0 without parameters. Equations are those of
 [model.md](model.md).
 ";
 

@@ -76,12 +76,25 @@ pub struct OtherContact {
     pub peak_n: f64,
     /// The reason why it is no step.
     pub reason: ExclusionReason,
+    /// True for a contact that is too short because its force does not reach the threshold of toe off.
+    pub is_weak: bool,
 }
 
-/// Collects the contacts of a recording that are no steps.
-#[derive(Debug)]
+/// The contacts of a recording that are no steps, in the order of time.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct OtherContacts {
+    /// The contacts.
+    pub contacts: Vec<OtherContact>,
+    /// Largest total force of the recording, N.
+    pub largest_n: f64,
+}
+
+/// Collects the contacts of a recording that are no steps, with their durations and forces. [`Contacts`] recognises them.
+#[derive(Debug)]
+pub struct ContactCollector {
     contacts: Contacts,
+    /// Frame period, s.
+    period_s: f64,
     /// Time from toe off to the frame that confirms it, s.
     confirmation_s: f64,
     /// The reason why the present contact is no step, if it is none.
@@ -90,59 +103,67 @@ pub struct OtherContacts {
     peak_n: f64,
     /// Time of the last frame, s.
     last_s: f64,
-    found: Vec<OtherContact>,
+    found: OtherContacts,
 }
 
-impl OtherContacts {
+impl ContactCollector {
     /// Before the first frame of an insole with this configuration.
     pub fn new(setup: &Setup) -> Self {
-        // The frame of toe off is the first one of the swing that confirms it.
-        let confirmation_us = (u32::from(setup.stance.min_swing_ms) * 1000).saturating_sub(setup.period_us);
+        // The insole rounds the duration of a swing to whole frames. The frame of toe off is the first frame of the swing.
+        let period_s = f64::from(setup.period_us) / 1e6;
+        let swing_frames = (f64::from(setup.stance.min_swing_ms) / 1e3 / period_s).round().max(1.0);
         Self {
             contacts: Contacts::default(),
-            confirmation_s: f64::from(confirmation_us) / 1e6,
+            period_s,
+            confirmation_s: (swing_frames - 1.0) * period_s,
             reason: None,
             peak_n: 0.0,
             last_s: 0.0,
-            found: Vec::new(),
+            found: OtherContacts::default(),
         }
     }
 
-    /// As [`Contacts::frame`].
+    /// Evaluates the frame that `insole` processed last, at time `t_s`. `toe_off` is the result of [`Insole::frame`].
     pub fn frame<R: Real, const CELLS: usize>(&mut self, t_s: f64, toe_off: bool, insole: &Insole<R, CELLS>) {
         let (was_on_ground, is_on_ground) = (self.contacts.was_on_ground, insole.on_ground());
         let reason = self.contacts.frame(t_s, toe_off, insole);
         self.last_s = t_s;
+        let total_n = insole.total_n().to_f64();
+        self.found.largest_n = self.found.largest_n.max(total_n);
         if is_on_ground {
             if !was_on_ground {
                 (self.reason, self.peak_n) = (None, 0.0);
             }
-            let total_n: f64 = insole.loads().iter().map(|load| load.frame.force.force_n.to_f64()).sum();
             self.peak_n = self.peak_n.max(total_n);
         }
         self.reason = self.reason.or(reason);
         if was_on_ground && !is_on_ground {
-            self.complete(self.confirmation_s);
+            self.complete(self.confirmation_s, insole.stance_frames());
         }
     }
 
-    /// The contacts in the order of time. `insole` has processed all frames, and [`Insole::end_stance`] was called, or a contact
-    /// of which the toe off is not confirmed is among them.
-    pub fn end<R: Real, const CELLS: usize>(mut self, insole: &Insole<R, CELLS>) -> Vec<OtherContact> {
+    /// The contacts that were found. `insole` has processed all frames, and [`Insole::end_stance`] was called, or a contact of
+    /// which the toe off is not confirmed is among them.
+    pub fn end<R: Real, const CELLS: usize>(mut self, insole: &Insole<R, CELLS>) -> OtherContacts {
         let reason = self.contacts.end(insole);
         self.reason = self.reason.or(reason);
         if insole.on_ground() {
-            self.complete(0.0);
+            self.complete(0.0, 0);
         }
         self.found
     }
 
-    /// Completes the present contact. Its toe off was `ago_s` before the last frame.
-    fn complete(&mut self, ago_s: f64) {
+    /// Completes the present contact, if it is no step. Its toe off was `ago_s` before the last frame; if it is too short, it has
+    /// `frames` frames.
+    fn complete(&mut self, ago_s: f64, frames: u32) {
+        let Some(reason) = self.reason.take() else { return };
         let start_s = self.contacts.start_s;
-        let duration_s = (self.last_s - start_s - ago_s).max(0.0);
-        let contact = |reason| OtherContact { start_s, duration_s, peak_n: self.peak_n, reason };
-        self.found.extend(self.reason.take().map(contact));
+        let duration_s = match reason {
+            ExclusionReason::Short => f64::from(frames) * self.period_s,
+            _ => (self.last_s - start_s - ago_s).max(0.0),
+        };
+        let is_weak = reason == ExclusionReason::Short && frames <= 1;
+        self.found.contacts.push(OtherContact { start_s, duration_s, peak_n: self.peak_n, reason, is_weak });
     }
 }
 

@@ -148,7 +148,7 @@ pub fn to_json(study: &Study) -> Value {
             "recording": c.recording, "at_s": c.at_s, "why": c.reason.to_string(),
         })).collect::<Vec<_>>(),
         "regions": regions,
-        "is_whole": study.is_whole(),
+        "is_complete": study.is_complete(),
         "sensitivity": study.sensitivity.as_ref().map(sensitivity_to_json),
     })
 }

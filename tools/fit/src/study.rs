@@ -130,7 +130,7 @@ impl Study {
     }
 
     /// True if all regions were fitted and none of their results has a defect: see [`RegionFit::defects`].
-    pub fn is_whole(&self) -> bool {
+    pub fn is_complete(&self) -> bool {
         !self.fits.is_empty() && self.fits.iter().all(|fit| fit.as_ref().is_ok_and(|fit| fit.defects.is_empty()))
     }
 
@@ -190,8 +190,8 @@ impl fmt::Display for OtherContactRule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "some steps were measured by the contact rule {} (on / off / full) and others by {}: areas of different rules \
-             cannot be fitted together; record and fit the steps of each rule separately",
+            "some steps were measured by the contact rule {} (on / off / full), but the rule of this fit is {}: areas of \
+             different rules cannot be fitted together; record and fit the steps of each rule separately",
             in_words(&self.found),
             in_words(&self.expected)
         )

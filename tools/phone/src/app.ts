@@ -15,7 +15,7 @@ import { type RecordMessage, type Session, recordOf } from "./session";
 import { followSettings, loadSettings } from "./settings";
 import { INSOLES_COUNT, listenToExport, listenToSettings, updateSettingsView } from "./settings_view";
 import { SIDES } from "./side";
-import { DatabaseStorage, NoStorage, type StepRecord, type StepStorage, TemporaryStorage } from "./step_storage";
+import { DatabaseStorage, NoStorage, type StoredRecord, type RecordStorage, TemporaryStorage } from "./record_storage";
 import { StepStore, keyedRecord } from "./step_store";
 import { drawBouts, drawDays, drawSteps } from "./steps_view";
 import { BluetoothTransport, NONE_CHOSEN, explain } from "./transport/bluetooth";
@@ -146,8 +146,8 @@ export class App {
 
   /** Loads and shows the wearer's steps of earlier visits. */
   private async loadSteps(): Promise<void> {
-    const keyed = (record: StepRecord) => keyedRecord(this.wire, record);
-    const storage: StepStorage = await DatabaseStorage.open(keyed, this.databaseBlocked).catch(() => new NoStorage());
+    const keyed = (record: StoredRecord) => keyedRecord(this.wire, record);
+    const storage: RecordStorage = await DatabaseStorage.open(keyed, this.databaseBlocked).catch(() => new NoStorage());
     const store = new StepStore(this.wire, storage);
     // A storage that cannot be read is not used: the insoles still store the steps.
     const is_loaded = await store.load().then(() => true, () => false);

@@ -7,7 +7,7 @@ import { type DayTotals, addLoad, loadOf } from "./days";
 import type { Alert, Bout, Side, Step } from "./generated/quantities";
 import { type RecordMessage, recordOf } from "./session";
 import { SIDES } from "./side";
-import { type NewRecord, type StepRecord, type StepStorage, TemporaryStorage } from "./step_storage";
+import { type NewRecord, type StoredRecord, type RecordStorage, TemporaryStorage } from "./record_storage";
 import type { Wire } from "./wire";
 
 /**
@@ -55,7 +55,7 @@ export class Records {
   readonly bouts: StoredBout[] = [];
   readonly alerts: StoredAlert[] = [];
 
-  add(decoded: RecordMessage, { start_unix_s, is_comparable }: StepRecord): void {
+  add(decoded: RecordMessage, { start_unix_s, is_comparable }: StoredRecord): void {
     if (decoded.kind === "step") this.steps.push({ step: decoded.step, start_unix_s, is_comparable });
     else if (decoded.kind === "bout") this.bouts.push({ bout: decoded.bout, start_unix_s });
     else this.alerts.push({ alert: decoded.alert, start_unix_s });
@@ -78,13 +78,13 @@ export class Records {
 }
 
 /** Decodes a stored record; `undefined` for a record of another protocol version. */
-function decodeRecord(wire: Wire, { message }: StepRecord): RecordMessage | undefined {
+function decodeRecord(wire: Wire, { message }: StoredRecord): RecordMessage | undefined {
   const decoded = wire.decode(message);
   return decoded?.kind === "step" || decoded?.kind === "bout" || decoded?.kind === "alert" ? decoded : undefined;
 }
 
 /** A record with its key and its load. `arrived_unix_s` is the time of its arrival. */
-function withKey(decoded: RecordMessage, record: StepRecord, arrived_unix_s: number): NewRecord {
+function withKey(decoded: RecordMessage, record: StoredRecord, arrived_unix_s: number): NewRecord {
   return { ...record, key: decoded.key, load: loadOf(decoded, record.start_unix_s, arrived_unix_s) };
 }
 
@@ -94,7 +94,7 @@ const now_unix_s = () => Date.now() / 1000;
  * Adds the key and the load to a record that was stored without them. A record without a time counts for the present day. Returns
  * `undefined` for a record of another protocol version.
  */
-export function keyedRecord(wire: Wire, record: StepRecord): NewRecord | undefined {
+export function keyedRecord(wire: Wire, record: StoredRecord): NewRecord | undefined {
   const decoded = decodeRecord(wire, record);
   return decoded && withKey(decoded, record, now_unix_s());
 }
@@ -118,7 +118,7 @@ export class StepStore {
    */
   constructor(
     private readonly wire: Wire,
-    private readonly storage: StepStorage,
+    private readonly storage: RecordStorage,
     private readonly most_repeated = 2 * wire.facts.record_queue,
   ) {}
 
@@ -133,7 +133,7 @@ export class StepStore {
   }
 
   /** Shows these totals and records. */
-  private fill(days: readonly DayTotals[], latest: readonly StepRecord[]): void {
+  private fill(days: readonly DayTotals[], latest: readonly StoredRecord[]): void {
     for (const totals of days) this.days.set(totals.day, totals);
     for (const record of latest) {
       // Records of another protocol version are not shown, but remain in the storage.
@@ -166,13 +166,13 @@ export class StepStore {
   /** All records in parts, oldest first, including those that could not be stored. */
   async *parts(): AsyncGenerator<Records> {
     // These records can be stored before or after the last part is read.
-    const pending = new Map<string, StepRecord>(this.pending.map((record) => [record.key, record]));
+    const pending = new Map<string, StoredRecord>(this.pending.map((record) => [record.key, record]));
     for await (const part of this.storage.parts()) yield this.decoded(part, pending);
     yield this.decoded([...pending.values()], pending);
   }
 
   /** Decodes the records of a part, and removes them from `pending`. */
-  private decoded(part: readonly StepRecord[], pending: Map<string, StepRecord>): Records {
+  private decoded(part: readonly StoredRecord[], pending: Map<string, StoredRecord>): Records {
     const records = new Records();
     for (const record of part) {
       const decoded = decodeRecord(this.wire, record);

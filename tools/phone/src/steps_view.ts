@@ -136,7 +136,8 @@ function drawGait(gait: Gait, settings: Settings, why: string): void {
   const both = ({ left, right }: { left: number; right: number }) => `${left} left, ${right} right`;
   fill("both-feet-note", [
     `${why}Strides in use: ${both(strides)}, of the last ${LATEST_STEPS} steps of each foot. Not used, because of a pause ` +
-      `or a missing step: ${both(gaps)}; without exactly one step of the other foot: ${both(unpaired)}.`,
+      `or a missing step: ${both(gaps)}; without exactly one step of the other foot from 15 to 85 % of the stride: ` +
+      `${both(unpaired)}.`,
   ]);
 }
 

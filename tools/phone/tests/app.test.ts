@@ -2,7 +2,7 @@ import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { App } from "../src/app";
 import type { Step } from "../src/generated/quantities";
 import { NOT_DELETED } from "../src/identify_controller";
-import { DatabaseStorage, type NewRecord, TemporaryStorage } from "../src/step_storage";
+import { DatabaseStorage, type NewRecord, TemporaryStorage } from "../src/record_storage";
 import { StepStore } from "../src/step_store";
 import { drawSteps } from "../src/steps_view";
 import { BluetoothTransport } from "../src/transport/bluetooth";

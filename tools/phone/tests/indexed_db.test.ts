@@ -1,6 +1,6 @@
 import { afterEach, expect, test, vi } from "vitest";
 import { DatabaseIdentifyStorage } from "../src/identify_storage";
-import { DatabaseStorage } from "../src/step_storage";
+import { DatabaseStorage } from "../src/record_storage";
 
 afterEach(() => void vi.unstubAllGlobals());
 

@@ -1,6 +1,6 @@
 import { beforeAll, expect, test } from "vitest";
 import type { RecordMessage } from "../src/session";
-import { type NewRecord, type StepRecord, TemporaryStorage } from "../src/step_storage";
+import { type NewRecord, type StoredRecord, TemporaryStorage } from "../src/record_storage";
 import { StepStore, newestFirst } from "../src/step_store";
 import type { Wire } from "../src/wire";
 import { loadWire, messagesOf } from "./wire";
@@ -29,7 +29,7 @@ class TestStorage extends TemporaryStorage {
   /** Runs before the records are read. */
   before_reading = (): Promise<void> => Promise.resolve();
 
-  override async *parts(): AsyncGenerator<StepRecord[]> {
+  override async *parts(): AsyncGenerator<StoredRecord[]> {
     await this.before_reading();
     yield* super.parts();
   }

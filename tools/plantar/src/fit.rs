@@ -239,7 +239,7 @@ impl Fit {
         Self { contact, stance, ..Self::of_streams(vec![recording], "the wearer".into(), folder, search) }
     }
 
-    /// Runs the command. Returns true if all regions were fitted and no result has a defect ([`Study::is_whole`]).
+    /// Runs the command. Returns true if all regions were fitted and no result has a defect ([`Study::is_complete`]).
     pub fn run(&self) -> Result<bool> {
         let read = self.recordings.iter().chain(&self.search.tissue).chain(&self.zero.zero);
         let written = [
@@ -355,7 +355,7 @@ impl Fit {
         Ok(())
     }
 
-    /// Prints and writes the results. Returns true if all regions were fitted and no result has a defect ([`Study::is_whole`]).
+    /// Prints and writes the results. Returns true if all regions were fitted and no result has a defect ([`Study::is_complete`]).
     pub fn write(&self, study: &Study) -> Result<bool> {
         results::print(study);
         let fitted = study.fits.iter().flatten().count();
@@ -378,7 +378,7 @@ impl Fit {
             bail!("no region could be fitted, for the reasons above; {} was not written", self.out().display());
         }
         println!("wrote {}: {fitted} of 8 regions identified{}", self.out().display(), results::incomplete(study));
-        Ok(study.is_whole())
+        Ok(study.is_complete())
     }
 }
 

@@ -22,11 +22,12 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use study::walk::{RecordedWalk, check_pair, stride_columns, stride_rows};
 
-/// Computes the measures of both feet: stride, step, stance and swing time, double and single support, cadence and symmetry.
+/// Computes the measures of both feet: stride, step, stance and swing time, double and single support, flight, cadence and
+/// symmetry.
 ///
 /// A file of `plantar serve --record` or of the page contains both feet. Recordings of one walk, and folders that
 /// `plantar record` wrote at the same time, contain one foot each. Strides with a pause, and strides without exactly one step of
-/// the other foot, are counted and not used. docs/measures.md has the definitions.
+/// the other foot from 15 to 85 % of the stride, are counted and not used. docs/measures.md has the definitions.
 #[derive(Args)]
 pub struct GaitCommand {
     /// A file of `plantar serve --record` or of the page, or for each foot a recording or a folder of `plantar record`. The time
@@ -123,6 +124,9 @@ impl GaitCommand {
             heads.extend(added.head);
         }
         if let [first, second] = &heads[..] {
+            if first.side == second.side {
+                bail!("both files are of the {} foot: give one file for each foot", first.side.name());
+            }
             print_notes(check_pair([first, second])?.as_slice());
         }
         if steps.is_empty() {
@@ -185,19 +189,21 @@ impl GaitCommand {
     /// which two recordings have in common unless they are of insoles.
     fn replayed(&self, path: &Path, stance: StanceRule) -> Result<Walk> {
         let name = path.display().to_string();
-        let part = match (self.from, self.to) {
-            (None, None) => None,
-            (from, to) => {
-                let whole = Span::default();
-                let span = Span { from_s: from.unwrap_or(whole.from_s), to_s: to.unwrap_or(whole.to_s) };
-                Some(Recording::read(path)?.part(span, &name)?)
-            }
-        };
+        let span = Span::new(self.from, self.to)?;
+        let part = (span != Span::default()).then(|| Recording::read(path)?.part(span, &name)).transpose()?;
         let source = match &part {
             Some(part) => FrameSource::from(part),
             None => FrameSource::from(RecordingReader::open(path)?),
         };
-        let head = Recording { t_s: Vec::new(), pressure_kpa: Vec::new(), ..source.head().clone() };
+        let Recording { side, layout, rate_hz, source: origin, .. } = source.head();
+        let head = Recording {
+            side: *side,
+            layout: layout.clone(),
+            rate_hz: *rate_hz,
+            source: origin.clone(),
+            t_s: Vec::new(),
+            pressure_kpa: Vec::new(),
+        };
         let mut insole = study::virtual_insole(&source, ContactRule::COUNTED, stance)?;
         self.zero.apply(&mut insole)?;
         let bar = progress(source.frames() as u64, "frames");
@@ -206,8 +212,9 @@ impl GaitCommand {
         print_notes(&found.notes(&OPTION_NAMES).iter().map(|note| format!("{name}: {note}")).collect::<Vec<_>>());
         let start = |step: &Step| (!head.layout.is_of_insole()).then_some(Start { us: step.start_us, is_exact: true });
         Ok(Walk {
-            steps: found.numbered_steps().into_iter().map(|step| (step, start(&step))).collect(),
-            others: found.bouts.iter().map(|number| (head.side, *number)).collect(),
+            steps: found.steps.iter().map(|step| (*step, start(step))).collect(),
+            // The numbers do not count the load bouts.
+            others: Vec::new(),
             head: Some(head),
         })
     }
@@ -405,7 +412,9 @@ fn print(gait: &Gait, length: Option<Length>) {
     if let Some(length) = length {
         match (gait.speed_m_s(length), length) {
             (Some(speed_m_s), _) => println!("Walking speed: {speed_m_s:.2} m/s"),
-            (None, Length::Stride(_)) => println!("Walking speed: unknown, because there is no stride"),
+            (None, Length::Stride(_)) => println!(
+                "Walking speed: unknown, because there is no stride, or only one of the two recorded feet took steps"
+            ),
             (None, Length::Walk(_)) => {
                 println!(
                     "Walking speed: unknown, because there is a pause or a missing step, because one foot is missing, or because \
@@ -417,8 +426,8 @@ fn print(gait: &Gait, length: Option<Length>) {
     let counts = |of: fn(&FootGait) -> usize| format!("{} left, {} right", of(left), of(right));
     println!("Strides in use: {}", counts(|foot| foot.strides.len()));
     println!(
-        "Not used: with a pause or a missing step {}; without exactly one step of the other foot, from 15 to 85 % of the stride, \
-         {}",
+        "Not used: with a pause or a missing step: {}; without exactly one step of the other foot from 15 to 85 % of the \
+         stride: {}",
         counts(|foot| foot.gaps),
         counts(|foot| foot.unpaired)
     );

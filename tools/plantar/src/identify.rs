@@ -126,7 +126,7 @@ impl Identify {
         let mut studies = Vec::new();
         for foot in &mut feet {
             let study = self.identify(foot)?;
-            is_good &= study.is_whole();
+            is_good &= study.is_complete();
             studies.push(study);
         }
         let verified = self.verify(&mut feet)?;

@@ -164,11 +164,7 @@ pub struct Part {
 
 impl Part {
     fn span(&self) -> Result<Span> {
-        if let (Some(from_s), Some(to_s)) = (self.from, self.to) {
-            ensure!(from_s < to_s, "--from {from_s} --to {to_s}: the part must end after it begins");
-        }
-        let all = Span::default();
-        Ok(Span { from_s: self.from.unwrap_or(all.from_s), to_s: self.to.unwrap_or(all.to_s) })
+        Ok(Span::new(self.from, self.to)?)
     }
 }
 

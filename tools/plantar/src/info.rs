@@ -46,14 +46,13 @@ pub fn print(recording: &Recording) {
 struct Loads {
     frames: usize,
     largest_n: f64,
-    largest_kpa: f32,
     clipping: Clipping,
 }
 
 impl Loads {
     /// Before the first frame of a recording with this largest pressure, kPa.
     fn new(largest_kpa: f32) -> Self {
-        Self { frames: 0, largest_n: 0.0, largest_kpa, clipping: Clipping::new(largest_kpa) }
+        Self { frames: 0, largest_n: 0.0, clipping: Clipping::new(largest_kpa) }
     }
 
     /// Adds a frame with these pressures, kPa. `head` describes the recording.
@@ -64,12 +63,12 @@ impl Loads {
     }
 
     fn print(&self, recording: &Recording) {
-        let Self { frames, largest_n, largest_kpa, .. } = self;
+        let Self { frames, largest_n, clipping } = self;
         let seconds = *frames as f64 / recording.rate_hz;
         println!("source    {}", recording.source);
         println!("foot      {}", recording.side.name());
         println!("frames    {frames} at {:.2} Hz, {seconds:.1} s", recording.rate_hz);
-        println!("largest   {largest_n:.0} N in total, {largest_kpa:.0} kPa on a cell");
+        println!("largest   {largest_n:.0} N in total, {:.0} kPa on a cell", clipping.largest_kpa());
         // The name of some layouts ends with the number of their cells.
         let cells = format!(", {} cells", recording.cells());
         println!("layout    {}{cells}", recording.layout.name.trim_end_matches(&cells));

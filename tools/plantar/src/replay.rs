@@ -11,7 +11,7 @@ use crate::tables::{self, Format};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
-use fit::contacts::{OtherContact, OtherContacts};
+use fit::contacts::{ContactCollector, OtherContact};
 use fit::steps::LIFT_THE_FOOT;
 use indicatif::{ProgressBar, ProgressStyle};
 use plantar::Real;
@@ -131,7 +131,7 @@ impl Replay {
             let index = (recent_s.len() - 1).checked_sub(frames_ago);
             index.map_or(step.start_s(), |index| recent_s[index])
         };
-        let (mut last, mut has_swing, mut others) = (0, false, OtherContacts::new(&virtual_insole.setup));
+        let (mut last, mut has_swing, mut others) = (0, false, ContactCollector::new(&virtual_insole.setup));
         // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
         while let Some(Scan { index: i, t_s: Some(t_s), codes }) = scans.next_scan()? {
             let toe_off = insole.frame(i as u32, codes);
@@ -202,12 +202,12 @@ impl Replay {
         if let Some(frames) = frames {
             frames.finish()?;
         }
-        let others = others.end(&insole);
+        let others = others.end(&insole).contacts;
         match has_swing {
             true => print_cut_off(&others, &self.recording),
             false => eprintln!("note: no swing was recognised: {LIFT_THE_FOOT}"),
         }
-        if let Some(line) = others_note(&others, &records.steps, &virtual_insole.setup.stance, &OPTION_NAMES) {
+        if let Some(line) = others_note(&others, &virtual_insole.setup.stance, &OPTION_NAMES) {
             println!("{line}");
         }
         if let Some(note) = range_note(&records.steps) {

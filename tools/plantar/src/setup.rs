@@ -263,8 +263,13 @@ impl ZeroArgs {
 }
 
 /// The names of the options in notes on contacts.
-pub const OPTION_NAMES: OptionNames =
-    OptionNames { strike: "--strike", release: "--release", min_stance: "--min-stance", max_stance: "--max-stance" };
+pub const OPTION_NAMES: OptionNames = OptionNames {
+    strike: "--strike",
+    release: "--release",
+    min_stance: "--min-stance",
+    max_stance: "--max-stance",
+    zero: "--zero",
+};
 
 /// Reads the time of an option, s. It can be negative.
 pub fn time(text: &str) -> Result<f64, String> {

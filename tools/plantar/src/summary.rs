@@ -173,8 +173,8 @@ pub fn print_faults(faults: &Faults, cells: usize) {
 /// A line with the number of contacts that are no steps, by reason; `None` if there are none.
 pub fn rejected_line(rejected: &Rejected) -> Option<String> {
     let reasons = [
-        (rejected.short, "too short or too weak"),
-        (rejected.long, "too long: standing"),
+        (rejected.short, "shorter than a step, or weak"),
+        (rejected.long, "longer than a step, as in standing"),
         (rejected.broken, "with missing frames"),
     ];
     let reasons = reasons.iter().filter(|(contacts, _)| *contacts > 0);

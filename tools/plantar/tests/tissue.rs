@@ -30,7 +30,7 @@ fn assert_not_whole(folder: &Path, arguments: &str, expected: &[(&str, &str)]) -
     let (status, out, err) = run(folder, &format!("{arguments} --json p.json"));
     assert_eq!(status, 3, "{out}{err}");
     let results = json(&folder.join("p.json"));
-    assert_eq!(results["is_whole"], false);
+    assert_eq!(results["is_complete"], false);
     for (region, fit) in results["regions"].as_object().expect("regions") {
         let defects = fit["defects"].to_string();
         match expected.iter().find(|(name, _)| name == region) {
@@ -54,7 +54,7 @@ fn measurements_of_the_tissue_determine_the_vertical_radius_and_are_named_in_eve
         "{out}"
     );
     let results = json(&path.join("p.json"));
-    assert_eq!(results["is_whole"], true);
+    assert_eq!(results["is_complete"], true);
     let pinned = |region: &str| results["regions"][region]["pinned"].clone();
     assert_eq!((&pinned("heel")["by"], &pinned("heel")["d0_by"]), (&"peak_strain".into(), &"measurement".into()));
     assert_eq!(

@@ -6,7 +6,7 @@ use crate::text::significant;
 /// Pressures seem to be limited if several cells have exactly the largest pressure in at least this number of frames.
 const LEAST_FRAMES: usize = 3;
 /// Pressures from this share of the largest one on are close to it. Without a limit, there are more of them than of the largest
-/// one, even with a coarse resolution.
+/// one, even with a coarse resolution, as long as it is finer than a tenth of the largest pressure.
 const CLOSE: f32 = 0.9;
 
 /// Whether the largest pressure of a recording seems to be a limit.
@@ -34,18 +34,24 @@ impl Clipping {
         clipping
     }
 
+    /// The largest pressure, kPa.
+    pub fn largest_kpa(&self) -> f32 {
+        self.largest_kpa
+    }
+
     /// Adds a frame with these pressures, kPa.
     pub fn add(&mut self, pressure_kpa: &[f32]) {
-        let count = |is_of: &dyn Fn(f32) -> bool| pressure_kpa.iter().filter(|kpa| is_of(**kpa)).count();
-        let largest = count(&|kpa| kpa > 0.0 && kpa == self.largest_kpa);
+        let from_close = pressure_kpa.iter().filter(|kpa| **kpa > 0.0 && **kpa >= CLOSE * self.largest_kpa).count();
+        let largest = pressure_kpa.iter().filter(|kpa| **kpa > 0.0 && **kpa == self.largest_kpa).count();
         self.largest += largest;
-        self.close += count(&|kpa| kpa >= CLOSE * self.largest_kpa && kpa < self.largest_kpa);
+        self.close += from_close - largest;
         self.frames += usize::from(largest > 1);
     }
 
     /// A sentence for the user if the range of the sensor seems to limit the pressures.
     pub fn warning(&self) -> Option<String> {
-        (self.frames >= LEAST_FRAMES && self.largest > self.close).then(|| {
+        // A pressure that never changes is not close to the largest one before it reaches it.
+        (self.frames >= LEAST_FRAMES && self.largest > self.close && self.close > 0).then(|| {
             format!(
                 "In {} frames, several cells have exactly the largest pressure, {} kPa. If the range of the sensor ends there, \
                  the true pressures and forces are larger: use a setting of the sensor with a larger range.",
@@ -83,5 +89,11 @@ mod tests {
         // Both cells have the same peak, in several frames, without a limit.
         assert!(!warns([300.0, 300.0], 600.0));
         assert!(!warns([0.0, 0.0], 600.0));
+        // Only one cell reaches the limit.
+        assert!(!warns([400.0, 180.0], 300.0));
+        // A constant load.
+        let mut clipping = Clipping::new(50.0);
+        (0..100).for_each(|_| clipping.add(&[50.0; 2]));
+        assert_eq!(clipping.warning(), None);
     }
 }

@@ -9,7 +9,8 @@ const LEAST_CHANGES: usize = 5;
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
 
-/// The time of day in `text`, s, such as `08:21:17.982`, `8:21:17 PM`, or a number of seconds. `None` if it is none of these.
+/// The time of day in `text`, s: hours, minutes and seconds, such as `08:21:17.982` or `8:21:17 PM`, or a number of seconds.
+/// `None` if it is none of these.
 pub fn time_of_day_s(text: &str) -> Option<f64> {
     let upper = text.trim().to_uppercase();
     let (digits, is_afternoon) = match upper.strip_suffix("PM").or_else(|| upper.strip_suffix("P.M.")) {
@@ -19,8 +20,12 @@ pub fn time_of_day_s(text: &str) -> Option<f64> {
             None => (upper.as_str(), None),
         },
     };
+    let parts: Vec<&str> = digits.trim().split(':').collect();
+    if !matches!(parts.len(), 1 | 3) {
+        return None;
+    }
     let mut seconds = 0.0;
-    for part in digits.trim().split(':') {
+    for part in parts {
         let value = crate::text::parse_number(part)?;
         seconds = seconds * 60.0 + value;
     }
@@ -36,8 +41,8 @@ pub fn time_of_day_s(text: &str) -> Option<f64> {
 ///
 /// Times of day come from the clock of a computer: they jitter, and some programs state whole seconds. If every frame has a
 /// number, the numbers increase, and the times are near a straight line over them, the frames are on this line. Otherwise the
-/// stated times are used, and also if they are whole seconds that change fewer than [`LEAST_CHANGES`] times: such times repeat,
-/// and the importer refuses them.
+/// stated times are returned. They are also returned if they are whole seconds that change fewer than [`LEAST_CHANGES`] times:
+/// such times repeat, and the importer refuses them.
 pub fn times_s(numbers: &[u64], stated_s: &[f64]) -> Vec<f64> {
     let mut passed_s = Vec::with_capacity(stated_s.len());
     let mut days_s = 0.0;
@@ -111,7 +116,9 @@ mod tests {
         assert_eq!(time_of_day_s("1:00:02 PM"), Some(13.0 * 3600.0 + 2.0));
         assert_eq!(time_of_day_s("12:00:02 AM"), Some(2.0));
         assert_eq!(time_of_day_s("12.25"), Some(12.25));
-        assert_eq!(time_of_day_s("noon"), None);
+        for text in ["noon", "8:21 PM", "1:2:3:4"] {
+            assert_eq!(time_of_day_s(text), None, "{text}");
+        }
     }
 
     #[test]

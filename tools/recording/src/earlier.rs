@@ -115,7 +115,7 @@ impl EarlierRecording {
             }
         }
         let sensors: Option<BTreeMap<_, _>> =
-            cells.iter().enumerate().map(|(index, cell)| Some((sheet.sensor(cell)?, index))).collect();
+            cells.iter().enumerate().map(|(index, cell)| Some((sheet.row_and_column(cell)?, index))).collect();
         sensors
             .filter(|sensors| sensors.len() == cells.len())
             .ok_or_else(|| self.refused("its cells are not in the rows and columns that it states", IMPORT_AGAIN))

@@ -100,9 +100,7 @@ impl Footprint<'_> {
     /// The least and the largest coordinate of the cells under the foot, mm.
     fn extent_mm(&self, along: fn(&Cell) -> f64) -> [f64; 2] {
         let under = self.cells.iter().zip(self.under_foot).filter(|(_, is_under)| **is_under);
-        under.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], (cell, _)| {
-            [low.min(along(cell)), high.max(along(cell))]
-        })
+        extent_mm(under.map(|(cell, _)| cell), along)
     }
 
     /// How far the load of the midfoot lies to the +x side of the line through the centres of load of heel and forefoot, plus
@@ -158,6 +156,11 @@ pub fn unit_warnings(recording: &Recording) -> Vec<String> {
     size_warning(recording).into_iter().chain(force).chain(Clipping::of(recording).warning()).collect()
 }
 
+/// The least and the largest coordinate of cells, mm.
+fn extent_mm<'c>(cells: impl Iterator<Item = &'c Cell>, along: fn(&Cell) -> f64) -> [f64; 2] {
+    cells.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], cell| [low.min(along(cell)), high.max(along(cell))])
+}
+
 /// The extents of the centres of the cells of a layout, and the total area of the cells.
 struct Size {
     width_mm: f64,
@@ -167,12 +170,12 @@ struct Size {
 
 impl Size {
     fn new(cells: &[Cell]) -> Self {
-        let extent_mm = |along: fn(&Cell) -> f64| {
-            let all_mm = || cells.iter().map(along);
-            all_mm().fold(f64::NEG_INFINITY, f64::max) - all_mm().fold(f64::INFINITY, f64::min)
+        let length_mm = |along: fn(&Cell) -> f64| {
+            let [low_mm, high_mm] = extent_mm(cells.iter(), along);
+            high_mm - low_mm
         };
         let area_mm2 = cells.iter().map(|cell| cell.area_mm2).sum();
-        Self { width_mm: extent_mm(|c| c.x_mm), length_mm: extent_mm(|c| c.y_mm), area_mm2 }
+        Self { width_mm: length_mm(|c| c.x_mm), length_mm: length_mm(|c| c.y_mm), area_mm2 }
     }
 
     /// True if the layout of a whole foot must be in another unit.

@@ -26,7 +26,7 @@ pub struct VirtualInsole {
     /// For each cell of the recording, its index in [`VirtualInsole::cells`].
     insole_index: Vec<usize>,
     /// True if the reading of an unloaded cell is an offset of its code, not of its pressure; see
-    /// [`crate::Layout::is_of_codes`].
+    /// [`crate::Layout::has_code_offsets`].
     has_code_offsets: bool,
     /// The readings of the unloaded cells, kPa, in the order of the recording. They are subtracted from the pressures. Empty if
     /// no readings were set, and if `has_code_offsets` is true, because the calibration of the cells then contains the offsets.
@@ -135,7 +135,7 @@ impl VirtualInsole {
         }
         let mut curve = Curve::new();
         curve.set(&setup.sensor);
-        let (law, has_code_offsets) = (LawTable::new(&setup.sensor), head.layout.is_of_codes());
+        let (law, has_code_offsets) = (LawTable::new(&setup.sensor), head.layout.has_code_offsets());
         Self { setup, cells, insole_index, has_code_offsets, zero_kpa: Vec::new(), law, curve }
     }
 

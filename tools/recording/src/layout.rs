@@ -37,8 +37,8 @@ pub struct Layout {
     pub name: String,
     /// The cells, at most [`MAX_CELLS`].
     pub cells: Vec<Cell>,
-    /// The place of the matrix sensor of which these are some cells, if it is an insole in rows and columns, and none of its
-    /// cells were merged.
+    /// The place under the foot of the matrix sensor to which the cells belong; `None` if the cells are not those of an insole in
+    /// rows and columns, or if cells were merged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sheet: Option<Sheet>,
 }
@@ -59,7 +59,7 @@ pub struct Sheet {
 
 impl Sheet {
     /// The row and the column of a cell; `None` if the cell is in none.
-    pub(crate) fn sensor(&self, cell: &Cell) -> Option<(usize, usize)> {
+    pub(crate) fn row_and_column(&self, cell: &Cell) -> Option<(usize, usize)> {
         /// Largest deviation of a cell from its place, as a fraction of the step. Only rounding causes one.
         const DEVIATION: f64 = 1e-3;
         let index = |distance_mm: f64, step_mm: f64| {
@@ -87,10 +87,9 @@ impl Layout {
         Self { name: format!("{COMPUTED}, EU 42, {} cells", cells.len()), cells, sheet: None }
     }
 
-    /// True if the pressures were computed from the codes of a sensor by this project's law: those of an insole, or computed
-    /// ones. The reading of an unloaded cell is then an offset of its code; that of any other sensor is an offset of its
-    /// pressure.
-    pub(crate) fn is_of_codes(&self) -> bool {
+    /// True if the pressures were computed from sensor codes by this project's law: those of insoles and of computed recordings.
+    /// The zero of a cell is then an offset of its code, and in any other recording an offset of its pressure.
+    pub(crate) fn has_code_offsets(&self) -> bool {
         [INSOLE, COMPUTED].iter().any(|beginning| self.name.starts_with(beginning))
     }
 

@@ -98,17 +98,15 @@ impl Recording {
     ///
     /// # Errors
     /// Fails if there is no such frame.
-    pub fn part(&self, span: Span, name: &str) -> Result<Self> {
-        let Some((frames, sentence)) = span.part(&self.t_s, Path::new(name))? else { return Ok(self.clone()) };
+    pub fn part(mut self, span: Span, name: &str) -> Result<Self> {
+        let Some((frames, sentence)) = span.part(&self.t_s, Path::new(name))? else { return Ok(self) };
         let cells = self.cells();
-        Ok(Self {
-            side: self.side,
-            layout: self.layout.clone(),
-            rate_hz: self.rate_hz,
-            source: format!("{} {sentence}", self.source),
-            t_s: self.t_s[frames.clone()].to_vec(),
-            pressure_kpa: self.pressure_kpa[frames.start * cells..frames.end * cells].to_vec(),
-        })
+        self.source = format!("{} {sentence}", self.source);
+        self.t_s.truncate(frames.end);
+        self.t_s.drain(..frames.start);
+        self.pressure_kpa.truncate(frames.end * cells);
+        self.pressure_kpa.drain(..frames.start * cells);
+        Ok(self)
     }
 
     /// Writes the recording to Parquet: a column `t_s` in seconds, columns `c0_kpa`, `c1_kpa`, ..., and side, rate, source and

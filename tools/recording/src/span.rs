@@ -22,6 +22,23 @@ impl Default for Span {
 }
 
 impl Span {
+    /// The span between these times, s; without one of them, from the beginning or to the end.
+    ///
+    /// # Errors
+    /// Fails if the first time is not before the last one.
+    pub fn new(from_s: Option<f64>, to_s: Option<f64>) -> Result<Self> {
+        let all = Self::default();
+        let span = Self { from_s: from_s.unwrap_or(all.from_s), to_s: to_s.unwrap_or(all.to_s) };
+        if span.from_s < span.to_s {
+            return Ok(span);
+        }
+        Err(Error::content(
+            format!("from {} s to {} s", span.from_s, span.to_s),
+            "the part does not end after it begins",
+            "state two times in this order",
+        ))
+    }
+
     /// The range of the frames within this span, of frames with increasing times `t_s`, and a sentence about it; `None` if these
     /// are all frames.
     ///

@@ -25,7 +25,7 @@ pub struct StreamedCells {
 }
 
 impl StreamedCells {
-    /// Starts without scans, for an insole with this configuration that sends one of `every` scans.
+    /// Starts without scans, for an insole with this configuration that sends the codes of one scan in `every`.
     pub fn new(setup: Setup, cells: Vec<SetupCell>, every: u8) -> Self {
         let every = u32::from(every.max(1));
         Self { setup, cells, every, last: None, scans: Vec::new(), pressure_kpa: Vec::new(), interpolated: 0 }
@@ -91,7 +91,7 @@ impl StreamedCells {
                 contact.off_kpa,
                 if self.interpolated > 0 {
                     let [first_s, last_s] = [first, last].map(seconds);
-                    format!(" From {first_s:.2} s to {last_s:.2} s, {} frames are interpolated.", self.interpolated)
+                    format!(" Interpolated frames from {first_s:.2} s to {last_s:.2} s: {}.", self.interpolated)
                 } else {
                     String::new()
                 }

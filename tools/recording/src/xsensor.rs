@@ -367,7 +367,7 @@ impl Reader<'_> {
         for (foot, insole) in [Side::Left, Side::Right].into_iter().zip(self.insoles) {
             let Some(insole) = insole.filter(|insole| !insole.indices.is_empty()) else { continue };
             if side.is_none_or(|side| side == foot) {
-                insole.foot(foot, &t_s, earlier, self.path, &mut export)?;
+                insole.add_to(foot, &t_s, earlier, self.path, &mut export)?;
             }
         }
         if export.feet.is_empty() {

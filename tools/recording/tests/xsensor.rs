@@ -187,7 +187,7 @@ fn empty_and_negative_pressures_are_read_as_zero_and_counted() {
     assert!(left.source.contains("foot: 2 fields"), "{}", left.source);
     assert!(!right.source.contains("2 fields"), "{}", right.source);
     assert!(export.remarks.iter().any(|r| {
-        r.starts_with("Left foot: 2 fields, in all frames together, are empty, negative or a placeholder")
+        r.starts_with("Left foot: 2 fields in all frames together are empty, negative or placeholders")
     }));
 }
 

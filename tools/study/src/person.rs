@@ -75,7 +75,8 @@ impl Person {
         Ok(Self { size, options: search.options(&tissue, no_resamples)?, contact, stance, notes, zero, settings })
     }
 
-    /// Everything that determines the rows of this person, except the recordings and the version of the program, as text.
+    /// Everything that determines this person's rows in the table of a cohort, except the recordings and the version of the
+    /// program, as text.
     pub fn description(&self) -> String {
         let Self { settings, size, options, contact, stance, zero, .. } = self;
         format!("{size} {settings:?} {options:?} {contact:?} {stance:?} {zero:?}")

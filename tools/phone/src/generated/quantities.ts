@@ -128,7 +128,7 @@ export interface StepRegion {
   ellipse_at_peak: Ellipse | null;
   /** A cell was saturated, so the forces are lower bounds. */
   saturated: boolean;
-  /** The contact exceeded the ellipsoid, so deformation and model force are lower bounds. */
+  /** The contact exceeded the ellipsoid: the deformation was limited to C, a lower bound, and the model force is that at C. */
   clamped: boolean;
   /** K has changed by so much since the identification that the wearer's parameters should be identified again. */
   refit: boolean;
@@ -258,7 +258,7 @@ export interface LiveRegion {
   measured_n: number;
   /** A cell is saturated, so the force is a lower bound. */
   saturated: boolean;
-  /** The contact exceeds the ellipsoid, so deformation and model force are lower bounds. */
+  /** The contact exceeds the ellipsoid: the deformation is limited to C, a lower bound, and the model force is that at C. */
   clamped: boolean;
   /** Cells are masked. */
   masked: boolean;

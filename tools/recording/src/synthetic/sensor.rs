@@ -23,7 +23,8 @@ pub fn add_sensor_errors(recording: &mut Recording, offset_kpa: &[f32], noise_co
     for frame in recording.pressure_kpa.chunks_exact_mut(offsets.len()) {
         for (kpa, offset) in frame.iter_mut().zip(&offsets) {
             let noise = noise_codes * (random.around_one(1.0) - 1.0);
-            *kpa = (full_kpa * ((code(*kpa) + offset + noise).max(0.0) / full_code).powf(1.0 / exponent)) as f32;
+            let read = (code(*kpa) + offset + noise).clamp(0.0, full_code);
+            *kpa = (full_kpa * (read / full_code).powf(1.0 / exponent)) as f32;
         }
     }
 }

@@ -34,14 +34,14 @@ pub struct Insole {
     pub pressure_sum_kpa: f64,
     /// The number of loaded cells of the last frame.
     pub loaded_cells: usize,
-    /// Number of fields, of all frames, without a pressure of at least 0: negative, empty or a placeholder such as `-`. Fields
-    /// outside of the insole are among them. They are read as 0.
+    /// Number of fields in all frames that do not contain a pressure of at least 0, but a negative number, nothing or a
+    /// placeholder such as `-`. Fields outside of the insole are among them. They are read as 0.
     pub without_pressure: usize,
 }
 
 impl Insole {
-    /// Adds the recording of this insole and the remarks about it.
-    pub fn foot(
+    /// Adds the recording of this insole, and the remarks about it, to `export`.
+    pub fn add_to(
         mut self,
         side: Side,
         t_s: &[f64],
@@ -54,8 +54,8 @@ impl Insole {
         export.remarks.extend(self.totals.remark(side));
         if self.without_pressure > 0 {
             export.remarks.push(format!(
-                "{} foot: {} fields, in all frames together, are empty, negative or a placeholder, as those outside of the insole \
-                 are: read as 0.",
+                "{} foot: {} fields in all frames together are empty, negative or placeholders, as those outside of the \
+                 insole are; they are read as 0.",
                 capitalised(side),
                 self.without_pressure
             ));
@@ -103,6 +103,6 @@ pub fn size_mm(value: f64, unit: &str, place: &str) -> Result<f64> {
     Err(Error::content(
         place,
         problem,
-        format!("cells have a size of up to {MAX_CELL_MM} mm: export the measurement again"),
+        format!("a cell is larger than 0 and at most {MAX_CELL_MM} mm: export the measurement again"),
     ))
 }

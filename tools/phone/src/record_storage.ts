@@ -3,28 +3,29 @@
 import { type DayLoad, type DayTotals, addLoad } from "./days";
 import { committed, failureOf, openDatabase, resultOf } from "./indexed_db";
 
-/** A stored step, load bout or alert. `start_unix_s` is that of `StoredStep`, `StoredBout` or `StoredAlert`. */
-export interface StepRecord {
+/** A stored step, load bout or alert. */
+export interface StoredRecord {
   /** The encoded message. */
   message: Uint8Array;
+  /** Its start, or the time of the alert, on the browser's clock, s since 1970; `null` if it is unknown. */
   start_unix_s: number | null;
-  /** That of `StoredStep`. */
+  /** True if `start_unix_s` is exact enough to compare a step with those of the other foot; only for steps. */
   is_comparable?: boolean | undefined;
 }
 
 /** A record to store. */
-export interface NewRecord extends StepRecord {
+export interface NewRecord extends StoredRecord {
   /** Equal for all repetitions of a record, and for no other record. */
   key: string;
   load: DayLoad;
 }
 
 /** A storage of steps, load bouts and alerts. */
-export interface StepStorage {
+export interface RecordStorage {
   /** The last records, at most this number, oldest first. */
-  latest(count: number): Promise<StepRecord[]>;
+  latest(count: number): Promise<StoredRecord[]>;
   /** All records in parts, oldest first. */
-  parts(): AsyncIterable<StepRecord[]>;
+  parts(): AsyncIterable<StoredRecord[]>;
   /** The totals of all days, oldest first. */
   days(): Promise<DayTotals[]>;
   /** Stores all of these records, or none of them. Ignores those that are stored already. */
@@ -34,13 +35,13 @@ export interface StepStorage {
 }
 
 /** Holds records until the page is closed. It is used for the steps of a recording, which must not be shown at the next visit. */
-export class TemporaryStorage implements StepStorage {
+export class TemporaryStorage implements RecordStorage {
   /** The records by their keys, oldest first. */
   readonly records = new Map<string, NewRecord>();
 
   latest = (count: number) => Promise.resolve([...this.records.values()].slice(-count));
 
-  async *parts(): AsyncGenerator<StepRecord[]> {
+  async *parts(): AsyncGenerator<StoredRecord[]> {
     yield [...this.records.values()];
   }
 
@@ -81,7 +82,7 @@ const PART_RECORDS = 200;
 const CONVERTED = 1000;
 
 /** Stores records in the browser's database. */
-export class DatabaseStorage implements StepStorage {
+export class DatabaseStorage implements RecordStorage {
   private constructor(private readonly database: IDBDatabase) {}
 
   /**
@@ -89,7 +90,7 @@ export class DatabaseStorage implements StepStorage {
    * which remains stored, but is not counted. {@link openDatabase} describes `blocked`.
    */
   static async open(
-    keyed: (record: StepRecord) => NewRecord | undefined,
+    keyed: (record: StoredRecord) => NewRecord | undefined,
     blocked: (is_blocked: boolean) => void,
   ): Promise<DatabaseStorage> {
     const create = ({ result: database, transaction }: IDBOpenDBRequest) => {
@@ -101,18 +102,18 @@ export class DatabaseStorage implements StepStorage {
     return new DatabaseStorage(await openDatabase(DATABASE, 3, create, blocked));
   }
 
-  async latest(count: number): Promise<StepRecord[]> {
+  async latest(count: number): Promise<StoredRecord[]> {
     const records = this.database.transaction(RECORDS, "readonly").objectStore(RECORDS);
-    return resultOf(records.getAll(await rangeOfLast(records, count)) as IDBRequest<StepRecord[]>);
+    return resultOf(records.getAll(await rangeOfLast(records, count)) as IDBRequest<StoredRecord[]>);
   }
 
-  async *parts(): AsyncGenerator<StepRecord[]> {
+  async *parts(): AsyncGenerator<StoredRecord[]> {
     // The records that were not read yet; `null` for all.
     let range: IDBKeyRange | null = null;
     for (;;) {
       const records = this.database.transaction(RECORDS, "readonly").objectStore(RECORDS);
       const [values, keys] = await Promise.all([
-        resultOf(records.getAll(range, PART_RECORDS) as IDBRequest<StepRecord[]>),
+        resultOf(records.getAll(range, PART_RECORDS) as IDBRequest<StoredRecord[]>),
         resultOf(records.getAllKeys(range, PART_RECORDS)),
       ]);
       if (values.length === 0) return;
@@ -161,11 +162,11 @@ function store(transaction: IDBTransaction, { key, message, start_unix_s, is_com
  * hexadecimal digits. Earlier records cannot arrive again, and to change them all would take minutes. A record that cannot be
  * changed, as on a full disk, remains as it is.
  */
-async function shortenKeys(transaction: IDBTransaction, keyed: (record: StepRecord) => NewRecord | undefined): Promise<void> {
+async function shortenKeys(transaction: IDBTransaction, keyed: (record: StoredRecord) => NewRecord | undefined): Promise<void> {
   const store = transaction.objectStore(RECORDS);
   const range = await rangeOfLast(store, CONVERTED);
   const [records, places] = await Promise.all([
-    resultOf(store.getAll(range) as IDBRequest<StepRecord[]>),
+    resultOf(store.getAll(range) as IDBRequest<StoredRecord[]>),
     resultOf(store.getAllKeys(range)),
   ]);
   for (const [i, record] of records.entries()) {
@@ -175,14 +176,14 @@ async function shortenKeys(transaction: IDBTransaction, keyed: (record: StepReco
 }
 
 /** Moves the records of version 1 of the database to the present version. */
-function upgrade(database: IDBDatabase, transaction: IDBTransaction, keyed: (record: StepRecord) => NewRecord | undefined): void {
+function upgrade(database: IDBDatabase, transaction: IDBTransaction, keyed: (record: StoredRecord) => NewRecord | undefined): void {
   const keys = new Set<string>();
   const days = new Map<string, DayTotals>();
   const request = transaction.objectStore(RECORDS_1).openCursor();
   request.onsuccess = () => {
     const cursor = request.result;
     if (cursor) {
-      const record = keyed(cursor.value as StepRecord);
+      const record = keyed(cursor.value as StoredRecord);
       if (!record) transaction.objectStore(RECORDS).add(cursor.value);
       // If two pages were open in one browser, they may have stored a record twice.
       else if (!keys.has(record.key)) {
