@@ -147,12 +147,13 @@ def test_the_lines_of_the_readme_write_a_recording(
     assert lines
     monkeypatch.chdir(tmp_path)
     recording = package.read(walk_file)
-    exec("\n".join(lines), {"pressure_kpa": recording.pressure_kpa.astype(float), "cells": recording.cells})
+    names = {"plantar": package, "pressure_kpa": recording.pressure_kpa.astype(float), "cells": recording.cells}
+    exec("\n".join(lines), names)
     own = package.read("own.parquet")
     np.testing.assert_array_equal(own.pressure_kpa, recording.pressure_kpa)
     np.testing.assert_allclose(own.t_s, recording.t_s, atol=1e-9)
     pd.testing.assert_frame_equal(own.cells, recording.cells)
-    assert (own.side, own.rate_hz, own.source) == ("right", 100.0, "my sensor, trial 1")
+    assert (own.side, own.rate_hz, own.source) == ("right", 100.0, "trial 1.")
 
 
 def changed(source: pathlib.Path, path: pathlib.Path, pressure: float = 1.0, length: float = 1.0) -> pathlib.Path:
@@ -599,7 +600,7 @@ def test_arrays_that_are_no_recording_are_refused_with_the_place(walk_file: path
     with pytest.raises(ValueError, match='region = "toe": expected "heel" or '):
         made(cells=cells.assign(region="toe"))
     with pytest.raises(ValueError, match="own: cells: a cell has no region"):
-        made(cells=cells.assign(region=[None, *cells["region"][1:]]))
+        made(cells=cells.assign(region=cells["region"].where(cells.index > 0)))
     with pytest.raises(ValueError, match="own: frame 3: "):
         made(t_s=np.where(np.arange(len(pressure_kpa)) == 3, 1e3, original.t_s))
     pressure_kpa[5, 7] = np.nan
@@ -630,8 +631,9 @@ def test_pressures_at_a_limit_and_values_at_the_end_of_their_range_are_named(
     whole = package.read(walk_file)
 
     def recorded(pressure_kpa: Any) -> package.Recording:
-        fields = {"rate_hz": whole.rate_hz, "name": "own", "sensor": "s"}
-        return package.Recording.from_numpy(pressure_kpa, whole.cells, side="right", **fields)
+        return package.Recording.from_numpy(
+            pressure_kpa, whole.cells, side="right", rate_hz=whole.rate_hz, name="own", sensor="s"
+        )
 
     with pytest.warns(UserWarning, match="own: In .* frames, several cells have exactly the largest pressure, 150 kPa"):
         limited = recorded(np.minimum(whole.pressure_kpa, 150))

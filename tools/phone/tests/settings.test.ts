@@ -39,7 +39,7 @@ test("the shoe sizes of children and of large feet remain as they are", () => {
 
 test("invalid stored settings have their defaults", () => {
   const invalid = { mass_unit: "stone", force_unit: 1, shoe_size: "42", alert_sound: "yes", alert_vibration: null, alert_screen: 1 };
-  for (const [body_mass_kg, stride_cm] of [[9.9, 9], [301, 401], [-70, -150], ["70", null]]) {
+  for (const [body_mass_kg, stride_cm] of [[9.9, 9], [301, 601], [-70, -150], ["70", null]]) {
     const storage = () => ({ getItem: () => JSON.stringify({ ...invalid, body_mass_kg, stride_cm }) }) as unknown as Storage;
     expect(loadSettings(storage)).toEqual(loadSettings(blocked));
   }

@@ -126,7 +126,11 @@ fn a_span_selects_the_frames_of_both_feet_before_a_gap_is_searched_for() {
     }
     let options = Options { span: Span { from_s: 1.5, ..Span::default() }, ..Options::default() };
     let nothing = Format::Moticon.parse(text.as_bytes(), Path::new("walk.txt"), options);
-    assert_message(nothing, "walk.txt: no frame from 1.5 s; the frames are from 0 to 1.49 s", &["state times within these"]);
+    assert_message(
+        nothing,
+        "walk.txt: no frame from 1.5 s; the frames are from 0 to 1.49 s",
+        &["state times within these"],
+    );
 }
 
 #[test]

@@ -186,9 +186,11 @@ fn empty_and_negative_pressures_are_read_as_zero_and_counted() {
     let [left, right] = &export.feet[..] else { panic!("two feet") };
     assert!(left.source.contains("foot: 2 fields"), "{}", left.source);
     assert!(!right.source.contains("2 fields"), "{}", right.source);
-    assert!(export.remarks.iter().any(|r| {
-        r.starts_with("Left foot: 2 fields in all frames together are empty, negative or placeholders")
-    }));
+    assert!(
+        export.remarks.iter().any(|r| {
+            r.starts_with("Left foot: 2 fields in all frames together are empty, negative or placeholders")
+        })
+    );
 }
 
 #[test]

@@ -240,13 +240,13 @@ test("a body mass or stride length out of range is refused with the limits", asy
   const stored = async () => JSON.parse((await page.evaluate(() => localStorage.getItem("plantar.settings"))) ?? "{}") as unknown;
   const notes = async () => [await page.locator("#mass-note").textContent(), await page.locator("#stride-note").textContent()];
   const kg = "Enter 10 to 300 kg. Other values are not used.";
-  const cm = "Enter 10 to 400 cm. Other values are not used.";
+  const cm = "Enter 10 to 600 cm. Other values are not used.";
   let last = {};
   for (const [mass_kg, stride_cm, expected] of [
     [9.9, 9, [kg, cm]],
     [10, 10, ["", ""]],
-    [300, 400, ["", ""]],
-    [301, 401, [kg, cm]],
+    [300, 600, ["", ""]],
+    [301, 601, [kg, cm]],
     ["6,5,5", "x", [kg, cm]],
   ] as const) {
     await enter(page, "#mass", String(mass_kg));
