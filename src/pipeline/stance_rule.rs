@@ -109,7 +109,7 @@ impl<R: Real> StanceLimits<R> {
         is_adaptive: false,
     };
 
-    /// The rule at a frame period, us. Its durations are rounded to whole frames, at least one; [`SETTLE_MS`] is rounded up.
+    /// The rule at a frame period, us. Its durations are rounded to whole frames, at least one; the settling time is rounded up.
     pub fn new(rule: &StanceRule, period_us: u32) -> Self {
         let frames = |ms: u16| ((u32::from(ms) * 1000 + period_us / 2) / period_us).max(1);
         Self {
