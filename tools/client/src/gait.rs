@@ -375,12 +375,13 @@ fn walking_s(steps: &[Vec<FootStep>; 2], has_both_feet: bool, longest_s: f64) ->
     if !has_both_feet || !steps.iter().all(|steps| is_walk(&steps)) {
         return None;
     }
-    let mut starts_s: Vec<f64> = steps.iter().flatten().map(|step| step.start_s).collect();
-    starts_s.sort_by(f64::total_cmp);
-    // Both feet may have walked without a pause, but one after the other.
-    if starts_s.windows(2).any(|pair| pair[1] - pair[0] > longest_s) {
+    // Both feet have steps, which are in the order of time.
+    let [first_s, last_s] = [<[FootStep]>::first, <[FootStep]>::last]
+        .map(|end| steps.each_ref().map(|steps| end(steps).map_or(0.0, |step| step.start_s)));
+    // The feet may have walked one after the other.
+    if first_s[0].max(first_s[1]) - last_s[0].min(last_s[1]) > longest_s {
         return None;
     }
-    let time_s = starts_s.last()? - starts_s.first()?;
+    let time_s = last_s[0].max(last_s[1]) - first_s[0].min(first_s[1]);
     (time_s > 0.0).then_some(time_s)
 }
