@@ -17,7 +17,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use recording::{MAX_CELLS, Scan, VirtualInsole};
 use std::path::PathBuf;
-use study::records::{bout_columns, bout_row, step_columns, step_row};
+use study::records::{bout_columns, bout_row, completed_step, step_columns, step_row};
 use study::{frames, virtual_insole, walk};
 
 /// The result of a replay.
@@ -113,7 +113,7 @@ fn run<R: Real>(
     let (mut bouts, mut others) = (Vec::new(), ContactCollector::new(&virtual_insole.setup));
     let mut scans = virtual_insole.scans(recording);
     let mut add_step = |toe_off: bool, insole: &mut Insole<R, MAX_CELLS>| {
-        steps.extend(toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step)));
+        steps.extend(completed_step(toe_off, insole));
     };
     // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
     while let Some(Scan { index, t_s: Some(t_s), codes }) = scans.next_scan()? {

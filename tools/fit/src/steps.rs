@@ -221,7 +221,7 @@ impl fmt::Display for ExclusionReason {
 }
 
 /// The median; 0 if there are no values.
-pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
+pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);
     match values.len() {

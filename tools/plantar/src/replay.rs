@@ -24,7 +24,7 @@ use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use study::records::range_note;
+use study::records::{completed_step, range_note};
 use study::walk::others_note;
 
 /// Computes the steps and load bouts of a recording as the insole would, with the same code.
@@ -219,11 +219,6 @@ impl Replay {
         }
         Ok(records)
     }
-}
-
-/// The step of which the last frame confirmed toe off, if it did. The toe off itself was some frames earlier.
-pub fn completed_step<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>) -> Option<Step> {
-    toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step))
 }
 
 /// Prints a line for each contact that the beginning or the end of the recording `path` cuts off: its time, s, and the reason.

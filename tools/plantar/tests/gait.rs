@@ -272,6 +272,36 @@ fn regular(from_s: f64, stride_s: f64, duration_s: f64, force_n: f64) -> impl It
     (0..count).map(move |i| (from_s + f64::from(i) * stride_s, duration_s, force_n))
 }
 
+/// The frames of a contact at 100 Hz, the force of which follows half of a sine up to `peak_n`.
+fn half_sine((start_s, duration_s, peak_n): (f64, f64, f64)) -> impl Iterator<Item = (f64, f64, f64)> {
+    let [first, last] = [(100.0 * start_s).ceil(), (100.0 * (start_s + duration_s)).floor()].map(|frame| frame as u32);
+    (first..=last).map(move |i| {
+        let t_s = f64::from(i) / 100.0;
+        (t_s, 0.01, peak_n * (std::f64::consts::PI * (t_s - start_s) / duration_s).sin().max(0.0))
+    })
+}
+
+/// The numbers of strides in use and of gaps of the left foot.
+fn left_counts(gait: &Value) -> [Option<u64>; 2] {
+    ["strides", "gaps"].map(|key| gait[key]["left"].as_u64())
+}
+
+/// The notes on stderr of a command that succeeds.
+fn notes(folder: &Path, arguments: &str) -> String {
+    let output = gait(folder, arguments);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{text}");
+    text
+}
+
+/// The error on stderr of a command that fails.
+fn failure(folder: &Path, arguments: &str) -> String {
+    let output = gait(folder, arguments);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success(), "{text}");
+    text
+}
+
 /// Every third contact of the left foot is shorter than a step. The strides around it are not one stride.
 #[test]
 fn no_stride_spans_a_contact_that_is_too_short_for_a_step() {
@@ -284,21 +314,12 @@ fn no_stride_spans_a_contact_that_is_too_short_for_a_step() {
     write_contacts(&folder.path().join("left.parquet"), Side::Left, contacts);
     let (measured, text) = measures(folder.path(), "left.parquet");
     assert!((mean(&measured, "stride_time_s", "left") - 0.6).abs() < 0.002, "{text}");
-    assert_eq!(
-        (measured["strides"]["left"].as_u64(), measured["gaps"]["left"].as_u64()),
-        (Some(10), Some(9)),
-        "{text}"
-    );
-    let output = gait(folder.path(), "left.parquet");
-    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(left_counts(&measured), [Some(10), Some(9)], "{text}");
+    let notes = notes(folder.path(), "left.parquet");
     assert!(notes.contains("10 shorter than a step (70 ms; --min-stance 90)"), "{notes}");
     // With the remedy, all strides are used.
     let (measured, text) = measures(folder.path(), "left.parquet --min-stance 50");
-    assert_eq!(
-        (measured["strides"]["left"].as_u64(), measured["gaps"]["left"].as_u64()),
-        (Some(29), Some(0)),
-        "{text}"
-    );
+    assert_eq!(left_counts(&measured), [Some(29), Some(0)], "{text}");
 }
 
 /// Contacts of 70 ms, each of them instead of a step, and then 30 s of standing, which are load bouts.
@@ -312,8 +333,7 @@ fn load_bouts_after_contacts_that_are_too_short_do_not_join_the_strides_around_t
         let second = (0..20).map(|i| (50.0 + 1.2 * f64::from(i), 0.7, 800.0));
         write_contacts(&folder.path().join("left.parquet"), Side::Left, walk.chain(standing).chain(second));
         let (measured, text) = measures(folder.path(), "left.parquet");
-        // Each of the short contacts belongs to two pairs of contacts, and the first pair that contains none is the stride 0 to
-        // 1.
+        // The walks before and after the standing have 13 and 19 pairs of successive contacts; each short contact belongs to two.
         let strides = 13 - 2 * short.len() as u64 + 19;
         assert_eq!(measured["strides"]["left"].as_u64(), Some(strides), "{text}");
         assert!((mean(&measured, "stride_time_s", "left") - 1.2).abs() < 1e-6, "{text}");
@@ -325,16 +345,18 @@ fn load_bouts_after_contacts_that_are_too_short_do_not_join_the_strides_around_t
 fn the_reason_why_a_contact_is_no_step_is_that_of_the_insole() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("left.parquet");
-    let notes = || String::from_utf8_lossy(&gait(folder.path(), "left.parquet").stderr).into_owned();
     let short = |(i, step): (usize, (f64, f64, f64))| if i % 3 == 2 { (step.0, 0.08, step.2) } else { step };
     write_at(50.0, &path, Side::Left, 0.0, regular(1.0, 0.6, 0.26, 1500.0).enumerate().map(short));
-    assert!(notes().contains("10 shorter than a step (80 ms; --min-stance 90)"), "{}", notes());
-    // A contact with 60 N between steps with 150 N is not below the thresholds of their peak, but is as weak as it is long.
-    let weak = |(i, step): (usize, (f64, f64, f64))| if i % 3 == 2 { (step.0, 0.7, 10.0) } else { step };
+    let found = notes(folder.path(), "left.parquet");
+    assert!(found.contains("10 shorter than a step (80 ms; --min-stance 90)"), "{found}");
+    // Contacts of 0.7 s with up to 20 N, between steps with up to 300 N, of which the threshold of toe off is 30 N.
+    let weak = |(i, step): (usize, (f64, f64, f64))| if i % 3 == 2 { (step.0, 0.7, 20.0) } else { step };
     for shoe_n in [0.0, 30.0] {
-        write_at(100.0, &path, Side::Left, shoe_n, regular(1.0, 1.2, 0.7, 150.0).enumerate().map(weak));
-        let notes = notes();
-        assert!(!notes.contains("shorter than a step"), "{shoe_n} N: {notes}");
+        let contacts = regular(1.0, 1.2, 0.7, 300.0).enumerate().map(weak);
+        write_at(100.0, &path, Side::Left, shoe_n, contacts.flat_map(half_sine));
+        let found = notes(folder.path(), "left.parquet");
+        assert!(found.contains("below the threshold of toe off (--release 70)"), "{shoe_n} N: {found}");
+        assert!(!found.contains("shorter than a step"), "{shoe_n} N: {found}");
     }
 }
 
@@ -347,11 +369,7 @@ fn a_stride_contains_the_scuffs_of_its_swing() {
     write_contacts(&folder.path().join("left.parquet"), Side::Left, contacts);
     let (measured, text) = measures(folder.path(), "left.parquet");
     assert!((mean(&measured, "stride_time_s", "left") - 1.2).abs() < 0.002, "{text}");
-    assert_eq!(
-        (measured["strides"]["left"].as_u64(), measured["gaps"]["left"].as_u64()),
-        (Some(14), Some(0)),
-        "{text}"
-    );
+    assert_eq!(left_counts(&measured), [Some(14), Some(0)], "{text}");
 }
 
 /// The left leg carries 60 N, less than the thresholds.
@@ -362,7 +380,7 @@ fn a_foot_that_was_recorded_but_takes_no_step_is_named_and_there_is_no_cadence()
     write_contacts(&folder.path().join("right.parquet"), Side::Right, regular(1.6, 1.2, 0.7, 800.0));
     let (measured, _) = measures(folder.path(), "left.parquet right.parquet");
     assert!(measured["cadence_per_min"].is_null() && mean(&measured, "stride_time_s", "right") > 1.0, "{measured:#}");
-    let notes = String::from_utf8_lossy(&gait(folder.path(), "left.parquet right.parquet").stderr).into_owned();
+    let notes = notes(folder.path(), "left.parquet right.parquet");
     assert!(notes.contains("left.parquet: no step: the largest total force is 60.4 N"), "{notes}");
     assert!(notes.contains("below the threshold of toe off (--release 70)"), "{notes}");
     let remedy = "left.parquet right.parquet --thresholds absolute --strike 15 --release 10";
@@ -373,9 +391,8 @@ fn a_foot_that_was_recorded_but_takes_no_step_is_named_and_there_is_no_cadence()
     assert!(text.contains("only one of the two recorded feet took steps"), "{text}");
     // Two recordings of the same foot are refused, although only one of them has steps.
     write_contacts(&folder.path().join("again.parquet"), Side::Left, regular(1.0, 1.2, 0.7, 800.0));
-    let output = gait(folder.path(), "left.parquet again.parquet");
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && text.contains("both files are of the left foot"), "{text}");
+    let text = failure(folder.path(), "left.parquet again.parquet");
+    assert!(text.contains("both files are of the left foot"), "{text}");
     // Without the other recording, the cadence assumes that the other foot steps as often.
     let (measured, _) = measures(folder.path(), "right.parquet");
     assert!((measured["cadence_per_min"]["mean"].as_f64().expect("a number") - 100.0).abs() < 0.2, "{measured:#}");
@@ -396,20 +413,14 @@ fn the_measures_of_a_part_of_a_recording_are_those_of_the_activity_in_it() {
         assert!((mean(&measured, "flight_s", "left") - flight_s).abs() < 0.011, "{text}");
         assert_eq!(text.contains("Flight"), flight_s > 0.0, "{text}");
     }
-    let output = gait(folder.path(), "left.parquet --from 30");
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && text.starts_with("error: left.parquet: no frame from 30 s; "), "{text}");
-    let output = gait(folder.path(), "left.parquet --from 9 --to 3");
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        !output.status.success() && text.contains("from 9 s to 3 s: the part does not end after it begins"),
-        "{text}"
-    );
+    let text = failure(folder.path(), "left.parquet --from 30");
+    assert!(text.starts_with("error: left.parquet: no frame from 30 s; "), "{text}");
+    let text = failure(folder.path(), "left.parquet --from 9 --to 3");
+    assert!(text.contains("from 9 s to 3 s: the part does not end after it begins"), "{text}");
     write_stream(&folder.path().join("walk.plantar"), true);
     for option in ["--from 3", "--zero zero.toml"] {
-        let output = gait(folder.path(), &format!("walk.plantar {option}"));
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert!(!output.status.success() && text.contains("--from and --to are for recordings of all cells"), "{text}");
+        let text = failure(folder.path(), &format!("walk.plantar {option}"));
+        assert!(text.contains("--from and --to are for recordings of all cells"), "{text}");
     }
 }
 
@@ -421,15 +432,7 @@ fn a_contact_is_shorter_than_the_time_with_force_by_that_below_the_thresholds() 
     const CONTACT_S: f64 = 0.3;
     let folder = tempfile::tempdir().expect("a folder");
     let contacts = regular(1.0, 0.7037, CONTACT_S, 1000.0);
-    let frames = contacts.flat_map(|(start_s, ..)| {
-        let first = (100.0 * start_s).ceil() as u32;
-        let last = (100.0 * (start_s + CONTACT_S)).floor() as u32;
-        (first..=last).map(move |i| {
-            let t_s = f64::from(i) / 100.0;
-            (t_s, 0.01, 1000.0 * (std::f64::consts::PI * (t_s - start_s) / CONTACT_S).sin().max(0.0))
-        })
-    });
-    write_contacts(&folder.path().join("left.parquet"), Side::Left, frames);
+    write_contacts(&folder.path().join("left.parquet"), Side::Left, contacts.flat_map(half_sine));
     let lost_s = |threshold_n: f64| CONTACT_S * (threshold_n / 1000.0).asin() / std::f64::consts::PI;
     for (options, [strike_n, release_n]) in
         [("", [50.0, 100.0]), ("--thresholds absolute --strike 20 --release 20", [20.0, 20.0])]
@@ -446,9 +449,8 @@ fn a_contact_is_shorter_than_the_time_with_force_by_that_below_the_thresholds() 
 fn a_very_slow_walk_is_refused_with_the_option_that_admits_it() {
     let folder = tempfile::tempdir().expect("a folder");
     write_contacts(&folder.path().join("left.parquet"), Side::Left, regular(1.0, 4.0, 2.9, 800.0));
-    let output = gait(folder.path(), "left.parquet");
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && text.contains("4 longer than a step (2900 ms; --max-stance 2500)"), "{text}");
+    let text = failure(folder.path(), "left.parquet");
+    assert!(text.contains("4 longer than a step (2900 ms; --max-stance 2500)"), "{text}");
     let (measured, text) = measures(folder.path(), "left.parquet --max-stance 5000");
     assert!((mean(&measured, "stride_time_s", "left") - 4.0).abs() < 0.002, "{text}");
 }
@@ -462,11 +464,10 @@ fn a_foot_that_is_never_lifted_is_noted() {
         (t_s, 0.01, 180.0 - 150.0 * (3.0 * std::f64::consts::PI * t_s).cos())
     });
     write_contacts(&folder.path().join("left.parquet"), Side::Left, frames);
-    let output = gait(folder.path(), "left.parquet");
-    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success() && notes.contains("pairs of steps: on a bicycle"), "{notes}");
+    let found = notes(folder.path(), "left.parquet");
+    assert!(found.contains("pairs of steps: on a bicycle"), "{found}");
     write_contacts(&folder.path().join("left.parquet"), Side::Left, regular(1.0, 1.2, 0.7, 800.0));
-    assert_eq!(String::from_utf8_lossy(&gait(folder.path(), "left.parquet").stderr), "");
+    assert_eq!(notes(folder.path(), "left.parquet"), "");
 }
 
 #[test]

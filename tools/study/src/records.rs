@@ -1,11 +1,12 @@
-//! Table columns of the quantities and flags that an insole reports.
+//! The steps that an insole completes, and table columns of the quantities and flags that it reports.
 
 use crate::table::{Row, Value};
+use plantar::insole::Insole;
 use plantar::pipeline::bout::{BoutKind, BoutRecord};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::step::StepRecord;
 use plantar::protocol::{Bout, BoutRegion, Flag, Quantity, Step, StepFoot, StepRegion};
-use plantar::{Region, Side};
+use plantar::{Real, Region, Side};
 
 /// The row of the region with index `i` of [`Region::ALL`] in a step. The order of the columns is part of the format of tables.
 ///
@@ -32,6 +33,12 @@ pub fn step_row(step: &Step, i: usize) -> Row {
     row.extend(columns(nested, r));
     row.extend(columns(StepFoot::QUANTITIES, &step.foot));
     row
+}
+
+/// The step that the last frame of `insole` completed, if its result `toe_off` is true: this frame confirmed toe off, which was
+/// some frames earlier.
+pub fn completed_step<R: Real, const CELLS: usize>(toe_off: bool, insole: &mut Insole<R, CELLS>) -> Option<Step> {
+    toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step))
 }
 
 /// A row with arbitrary values, for the names and types of the columns of a table of steps that may have no rows.

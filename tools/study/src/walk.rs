@@ -1,16 +1,21 @@
 //! The walk of one foot or of both feet in recordings, for the measures of gait.
 
-use crate::records::range_note;
+use crate::records::{completed_step, range_note};
 use crate::table::{Row, Value};
 use anyhow::{Result, bail};
 use client::gait::{COUNT, FootStep, Gait, MEASURES, Stride};
 use fit::contacts::{ContactCollector, OtherContact, OtherContacts};
-use fit::steps::ExclusionReason;
+use fit::steps::{ExclusionReason, median};
 use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::Step;
 use recording::{FrameSource, MAX_CELLS, Recording, Scan, VirtualInsole, is_same_rate, note_unless_same_walk};
+
+/// A contact that is no step with at least this share of the usual peak may be a step that was not recognised.
+const MAY_BE_STEP: f64 = 0.5;
+/// A foot with more than this share of the peak force is not unloaded.
+const UNLOADED: f64 = 0.05;
 
 /// The steps that an insole would find in a recording, and its other contacts.
 #[derive(Debug)]
@@ -46,7 +51,7 @@ impl RecordedWalk {
                 let t_s = times_s.get(virtual_insole.frame_at(insole_us)).or(times_s.last());
                 t_s.map_or(0, |t_s| (t_s * 1e6).round() as u64)
             };
-            if let Some(step) = toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step)) {
+            if let Some(step) = completed_step(toe_off, insole) {
                 let start_us = time_us(step.start_us);
                 let duration_us = time_us(step.start_us + u64::from(step.duration_us)).saturating_sub(start_us) as u32;
                 steps.push(Step { start_us, duration_us, ..step });
@@ -111,7 +116,7 @@ impl RecordedWalk {
 
 /// Numbers steps as the field [`RecordedWalk::steps`] describes. `bouts` are the numbers of the load bouts.
 fn renumber(steps: &mut [Step], bouts: &[u32], others: &[OtherContact]) {
-    let usual_n = usual_peak_n(steps);
+    let usual_n = median(steps.iter().map(|step| step.foot.foot_force_peak_n()));
     let may_be_step = |contact: &&OtherContact| {
         !contact.reason.is_cut_off()
             && (contact.reason != ExclusionReason::Short || contact.peak_n >= MAY_BE_STEP * usual_n)
@@ -124,11 +129,6 @@ fn renumber(steps: &mut [Step], bouts: &[u32], others: &[OtherContact]) {
         step.step = step.step - bouts as u32 + missing as u32;
     }
 }
-
-/// A contact that is no step with at least this share of the usual peak may be a step that was not recognised.
-const MAY_BE_STEP: f64 = 0.5;
-/// A foot with more than this share of the peak force is not unloaded.
-const UNLOADED: f64 = 0.05;
 
 /// The names of options in messages.
 #[derive(Clone, Copy, Debug)]
@@ -143,13 +143,6 @@ pub struct OptionNames {
     pub max_stance: &'static str,
     /// That of the zero file.
     pub zero: &'static str,
-}
-
-/// The median of the peak forces of steps, N; 0 without steps.
-fn usual_peak_n(steps: &[Step]) -> f64 {
-    let mut peaks_n: Vec<f64> = steps.iter().map(|step| step.foot.foot_force_peak_n()).collect();
-    peaks_n.sort_by(f64::total_cmp);
-    peaks_n.get(peaks_n.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// A note with the numbers of the contacts that are no steps, by reason, with the options that concern them; `None` if there are

@@ -158,8 +158,8 @@ fn other_tests(python: &Python) -> Result<()> {
     })
 }
 
-/// Runs the selected host tests, ignored ones included, `threads` at the same time. Tests that need recordings of
-/// people are skipped if there are none on this machine.
+/// Runs the selected host tests, ignored ones included, `threads` at the same time. Tests that need recordings of people are
+/// skipped if there are none on this machine.
 fn selected_tests(python: &Python, selected: &str, threads: usize) -> Result<()> {
     let recordings = recordings();
     let selected = match &recordings {
