@@ -23,7 +23,7 @@ use plantar::firmware::admission::Admission;
 use plantar::firmware::ble::GattServer;
 use plantar::protocol::gatt::{self, GattChannel, WriteError};
 use static_cell::StaticCell;
-use table::{Server, Table};
+use table::{Attributes, Server, Table};
 use trouble_host::att::{AttClient, AttErrorCode, AttReq};
 use trouble_host::prelude::*;
 
@@ -83,7 +83,7 @@ type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, 
 #[embassy_executor::task]
 pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn GattServer) -> ! {
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));
-    let table = build_table(insole);
+    let (table, server) = build_table(insole);
     let mut admission = Admission::new();
     let mut resources = Resources::new();
     let progress = Progress::default();
@@ -100,7 +100,7 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
                 if has_key {
                     progress.is_private.wait().await;
                 }
-                let served = serve(&stack, table, insole, &mut admission, &progress);
+                let served = serve(&stack, table, server, insole, &mut admission, &progress);
                 select3(tx.run(), served, check_radio(&stack, insole)).await;
             }
         })
@@ -114,13 +114,23 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
 /// recently used one is removed.
 type Resources = HostResources<DefaultPacketPool, 1, 0, 1, { MAX_BONDS + 1 }>;
 
-/// Builds the GATT table. Like [`set_up`], it is not inlined: its local variables would otherwise be part of the stack frame of
-/// every poll of the task [`run`].
+/// Builds the GATT table and its server. Like [`set_up`], it is not inlined: its local variables would otherwise be part of the
+/// stack frame of every poll of the task [`run`].
 #[inline(never)]
-fn build_table(insole: &'static dyn GattServer) -> &'static (Table, Server<'static>) {
-    static TABLE: StaticCell<(Table, Server<'static>)> = StaticCell::new();
-    // The cell is initialised once, because the task runs once.
-    TABLE.init_with(|| Table::build(insole))
+fn build_table(insole: &'static dyn GattServer) -> (&'static Table, &'static Server<'static>) {
+    // The cells of this function and of `start_server` are initialised once, because the task runs once.
+    static TABLE: StaticCell<Table> = StaticCell::new();
+    let mut attributes = Attributes::new();
+    let table = Table::build(&mut attributes, insole);
+    (TABLE.init(table), start_server(attributes))
+}
+
+/// Builds the server in its static memory. If this function were inlined, or the server passed to `init`, the stack would hold
+/// one or two more copies of the attributes, 2 KiB each, which is more than any later use of the stack without a pairing.
+#[inline(never)]
+fn start_server(attributes: Attributes<'static>) -> &'static Server<'static> {
+    static SERVER: StaticCell<Server<'static>> = StaticCell::new();
+    SERVER.uninit().write(AttributeServer::new(attributes))
 }
 
 /// Sets up the Bluetooth host with the address, the identity key and the bonds of the insole. Returns the host, and true if the
@@ -184,7 +194,8 @@ async fn check_radio(stack: &Host<'_>, insole: &dyn GattServer) -> Result<(), Er
 /// Advertises and serves centrals. Returns if the radio fails.
 async fn serve(
     stack: &Host<'_>,
-    (table, server): &(Table, Server<'_>),
+    table: &Table,
+    server: &Server<'_>,
     insole: &dyn GattServer,
     admission: &mut Admission,
     progress: &Progress,

@@ -12,6 +12,8 @@ const ATTRIBUTES: usize = 43;
 type Stream = Characteristic<[u8; 0]>;
 /// The attribute server of the Bluetooth host.
 pub type Server<'v> = AttributeServer<'v, NoopRawMutex, DefaultPacketPool, ATTRIBUTES, 1>;
+/// The attributes that the server offers.
+pub type Attributes<'v> = AttributeTable<'v, NoopRawMutex, ATTRIBUTES>;
 
 /// The characteristics with values that change.
 pub struct Table {
@@ -29,14 +31,13 @@ pub struct Table {
 }
 
 impl Table {
-    /// Builds the table with the names and versions of the insole.
-    pub fn build(insole: &dyn GattServer) -> (Self, Server<'_>) {
+    /// Adds the attributes, with the names and versions of the insole, to an empty table.
+    pub fn build<'v>(table: &mut Attributes<'v>, insole: &'v dyn GattServer) -> Self {
         use CharacteristicProp::{Indicate, Notify, Read, Write, WriteWithoutResponse};
         use trouble_host::prelude::{characteristic as c, service as s};
-        let mut table = AttributeTable::new();
         let appearance = &appearance::running_walking_sensor::IN_SHOE_RUNNING_WALKING_SENSOR;
         // This fails only if the name has more than 22 bytes, and the name of an insole is shorter.
-        let _ = GapConfig::Peripheral(PeripheralConfig { name: insole.name(), appearance }).build(&mut table);
+        let _ = GapConfig::Peripheral(PeripheralConfig { name: insole.name(), appearance }).build(table);
 
         // A phone that has bonded may remember the handles, and there is no Service Changed. So the handles of the insole's
         // service never change: all services that can be missing or new follow it.
@@ -67,7 +68,7 @@ impl Table {
             let mut battery = table.add_service(Service::new(s::BATTERY));
             battery.add_characteristic_small(c::BATTERY_LEVEL, [Read], percent).build()
         });
-        (Self { battery, time, cadence, control, live, steps, parameters, management }, AttributeServer::new(table))
+        Self { battery, time, cadence, control, live, steps, parameters, management }
     }
 
     /// True for handles that only a bonded central on an encrypted link may write: those of all values that can be written, and
