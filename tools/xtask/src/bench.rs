@@ -26,6 +26,7 @@ pub fn bench_without_page() -> Result<Figures> {
     setup::rust()?;
     setup::qemu()?;
     let python = setup::python()?;
+    let sample = setup::sample()?;
     let mut figures = sizes()?;
     let json = built("bench.json");
     build_host("plantar-cli")?;
@@ -35,7 +36,7 @@ pub fn bench_without_page() -> Result<Figures> {
     let options: [(&str, &Path); 6] = [
         ("--python", &python.interpreter),
         ("--package-python", &package_python),
-        ("--jiku", &python.jiku),
+        ("--jiku", &sample),
         ("--moticon", &python.moticon),
         ("--plantar", &plantar),
         ("--json", &json),

@@ -4,7 +4,6 @@
 use crate::arguments::Demo;
 use crate::build::{build_firmware, firmware};
 use crate::command::{built, join, run, run_command};
-use crate::setup::Python;
 use crate::{EMULATED, page, setup};
 use anyhow::Result;
 use std::io::IsTerminal;
@@ -66,12 +65,12 @@ impl Demo {
             let firmware = scope.spawn(|| build_firmware(EMULATED));
             let plantar = scope.spawn(|| build_plantar(with_page));
             setup::qemu()?;
-            let python = self.recording.is_none().then(setup::python).transpose()?;
+            let sample = self.recording.is_none().then(setup::sample).transpose()?;
             if with_page {
                 page::install()?;
             }
             join(firmware)?;
-            Ok((join(plantar)?, python.map(|Python { jiku, .. }| jiku)))
+            Ok((join(plantar)?, sample))
         })
     }
 }

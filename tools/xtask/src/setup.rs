@@ -70,8 +70,6 @@ const LIBCLANG: &str = "libclang==18.1.1";
 pub struct Python {
     /// The path of its interpreter, which has NumPy, SciPy and bumble.
     pub interpreter: PathBuf,
-    /// The path of the data set with the sample walk.
-    pub jiku: PathBuf,
     /// The path of the source archive with walks recorded by Moticon's insoles.
     pub moticon: PathBuf,
 }
@@ -97,6 +95,7 @@ pub fn for_tests() -> Result<Python> {
     octave()?;
     formats()?;
     management()?;
+    sample()?;
     let python = python()?;
     nextest()?;
     Ok(python)
@@ -340,22 +339,29 @@ const PYTHON_STAMP: &str = "installed-packages.txt";
 pub fn python() -> Result<Python> {
     let environment = cache().join("python");
     let walks = format!("{WALKS_PACKAGE}=={WALKS_VERSION}");
-    let packages = format!("{SAMPLE_PACKAGE} {walks} {NUMPY} {SCIPY} {BUMBLE}");
+    let packages = format!("{walks} {NUMPY} {SCIPY} {BUMBLE}");
     let sources = environment.join("sources");
     let interpreter = program(&environment, "python");
     environment_with(&environment, &packages, || {
         let pip = |options: &[&str]| pip(&environment, options);
         let (source, folder) = (["--no-deps", "--no-binary", WALKS_PACKAGE, &walks], sources.to_string_lossy());
-        pip(&["install", "--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY])
+        pip(&["install", "--no-deps", NUMPY, SCIPY])
             .and_then(|()| pip(&["install", BUMBLE]))
             .and_then(|()| pip(&[&["download", "--dest", &folder], &source[..]].concat()))
             .context("the walks, NumPy, SciPy and bumble come from PyPI: check the network connection")
     })?;
-    let jiku = find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {
-        format!("{SAMPLE_PACKAGE} lacks its data set: remove {} and run the command again", environment.display())
-    })?;
     let moticon = sources.join(format!("{}-{WALKS_VERSION}.tar.gz", WALKS_PACKAGE.replace('-', "_")));
-    Ok(Python { interpreter, jiku, moticon })
+    Ok(Python { interpreter, moticon })
+}
+
+/// Installs the data set with the sample walk in the private cache. Returns its path. It has an environment of its own, because
+/// the demonstration needs nothing else from PyPI.
+pub fn sample() -> Result<PathBuf> {
+    let remedy = "the sample walk comes from PyPI: check the network connection";
+    let environment = environment_of("sample", &[SAMPLE_PACKAGE], &["--no-deps"], remedy)?;
+    find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {
+        format!("{SAMPLE_PACKAGE} lacks its data set: remove {} and run the command again", environment.display())
+    })
 }
 
 /// Creates the private Python environment with the tools for the Python package, if it is missing or has other packages. Returns

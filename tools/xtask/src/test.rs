@@ -178,7 +178,7 @@ fn selected_tests(python: &Python, selected: &str, threads: usize) -> Result<()>
         .args(["--run-ignored", "all", "--test-threads", &threads.to_string(), "--filterset", &selected])
         .env("PLANTAR_FIRMWARE", std::path::absolute(firmware(EMULATED))?)
         .env("PLANTAR_FORMATS", setup::formats()?)
-        .env("PLANTAR_JIKU", &python.jiku)
+        .env("PLANTAR_JIKU", setup::sample()?)
         .env("PLANTAR_MOTICON", &python.moticon)
         .env("PLANTAR_PYTHON", &python.interpreter)
         .env("PLANTAR_SMP", setup::management()?);
