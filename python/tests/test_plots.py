@@ -82,6 +82,20 @@ def test_a_step_has_the_curves_of_its_regions(walk_file: pathlib.Path, tmp_path:
     figure.savefig(tmp_path / "step.png")
 
 
+def test_the_pressure_of_the_steps_is_drawn_on_the_foot(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    replay = plantar.replay(walk_file)
+    figure = replay.plot_pressure()
+    [squares] = figure.axes[0].collections
+    np.testing.assert_array_equal(squares.get_array(), replay.cell_peaks_kpa.mean())
+    assert figure.axes[0].get_title() == "Peak pressure, mean of 6 steps, right foot"
+    figure.savefig(tmp_path / "mean.png")
+    figure = replay.plot_pressure(step=2)
+    [squares] = figure.axes[0].collections
+    np.testing.assert_array_equal(squares.get_array(), replay.cell_peaks_kpa.loc[2])
+    with pytest.raises(ValueError, match="no step 99: the steps are 0 to 5$"):
+        replay.plot_pressure(step=99)
+
+
 def test_a_fit_has_two_curves_for_each_step(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     fit = plantar.fit(walk_file)
     figure = fit.plot()

@@ -380,6 +380,27 @@ def test_typical_parameters_that_do_not_apply_are_named_as_on_the_command_line(
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_the_peaks_of_the_cells_are_those_of_the_regions_of_each_step(walk_file: pathlib.Path) -> None:
+    replay = package.replay(walk_file)
+    peaks = replay.cell_peaks_kpa
+    regions = replay.recording.cells["region"]
+    by_step = peaks.T.groupby(regions, observed=True).max().T
+    expected = replay.steps["peak_pressure_kpa"].unstack()
+    # The computed walk has no pressure without load. Steps have multiples of 0.1 kPa.
+    np.testing.assert_allclose(by_step.to_numpy(), expected.to_numpy(), atol=0.1)
+    # There is no load between the steps of the computed walk.
+    pressure_kpa, t_s = replay.recording.pressure_kpa, replay.recording.t_s
+    start_s = replay.steps.xs("heel", level="region")["start_s"]
+    assert (peaks.loc[1] == pressure_kpa[(t_s >= start_s[1]) & (t_s < start_s[2])].max(axis=0)).all()
+
+
+def test_a_recording_without_a_step_has_no_peaks(tmp_path: pathlib.Path) -> None:
+    recording = package.read(walk(tmp_path / "walk.parquet", "--steps", 2))
+    with pytest.warns(UserWarning, match="no step|no complete step|not one step"):
+        replay = recording.part(to_s=0.1).replay()
+    assert replay.cell_peaks_kpa.shape == (0, len(recording.cells))
+
+
 def test_normalised_steps_are_interpolated_from_heel_strike_to_toe_off(
     walk_file: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:

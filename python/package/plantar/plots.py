@@ -27,11 +27,10 @@ _NAME_MM = 9.0
 the figure."""
 
 
-def foot(recording: Recording) -> Figure:
-    """The peak pressure of each cell over the recording, in foot coordinates, with the names of the regions. The squares have the
-    areas of the cells, but not their shapes. The colours begin at 0 kPa."""
+def foot(recording: Recording, peak_kpa: npt.NDArray[np.float32], title: str) -> Figure:
+    """A pressure of each cell of the recording, in foot coordinates, with the names of the regions. The squares have the areas of
+    the cells, but not their shapes. The colours begin at 0 kPa."""
     cells = recording.cells
-    peak_kpa = recording.pressure_kpa.max(axis=0)
     side_mm = np.sqrt(cells["area_mm2"].to_numpy())
     places = zip(cells["x_mm"] - side_mm / 2, cells["y_mm"] - side_mm / 2, side_mm, strict=True)
     squares = PatchCollection([Rectangle((x_mm, y_mm), size_mm, size_mm) for x_mm, y_mm, size_mm in places], cmap="viridis")
@@ -62,24 +61,15 @@ def foot(recording: Recording) -> Figure:
                 arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6},
             )
     axes.set(aspect="equal", xlabel="to the lateral side, mm", ylabel="from heel to toes, mm")
-    axes.set_title(f"Peak pressure, {recording.side} foot")
+    axes.set_title(title)
     figure.colorbar(squares, ax=axes, label="kPa", shrink=0.6)
     return figure
 
 
 def step(replay: Replay, number: int | None = None) -> Figure:
     """The measured force and the live model force of the regions in a step, by default in the first step."""
-    if number is not None and not isinstance(number, int | np.integer):
-        raise TypeError(f"step = {number!r}: expected a whole number or None")
-    numbers = replay.steps.index.unique("step")
-    if numbers.empty:
-        raise ValueError(f"{replay.recording.path} has no complete step: record a walk of several steps")
-    number = int(numbers[0]) if number is None else number
-    if number not in numbers:
-        # Steps, load bouts and alerts are numbered in one sequence, so a number between those of two steps can be missing.
-        ranges = _ranges([int(each) for each in numbers])
-        reason = "; the load bouts and alerts between them are no steps" if len(ranges) > 1 else ""
-        raise ValueError(f"there is no step {number}: the steps are {', '.join(ranges)}{reason}")
+    numbers = _numbers(replay, number)
+    number = numbers[0] if number is None else number
     # Start and duration are the same in the rows of all regions of a step.
     row = replay.steps.xs(number, level="step").iloc[0]
     first = int(replay.recording.t_s.searchsorted(row["start_s"]))
@@ -93,6 +83,31 @@ def step(replay: Replay, number: int | None = None) -> Figure:
     axes.legend(fontsize=8)
     figure.suptitle(f"Step {number}, {replay.recording.side} foot: measured force, and model force of the live stream")
     return figure
+
+
+def peaks(replay: Replay, number: int | None = None) -> Figure:
+    """The peak pressure of each cell in a step, or its mean over all steps."""
+    numbers = _numbers(replay, number)
+    table, side = replay.cell_peaks_kpa, replay.recording.side
+    if number is None:
+        title = f"Peak pressure, mean of {len(numbers)} steps, {side} foot"
+        return foot(replay.recording, table.mean().to_numpy(), title)
+    return foot(replay.recording, table.loc[number].to_numpy(), f"Peak pressure, step {number}, {side} foot")
+
+
+def _numbers(replay: Replay, number: int | None) -> list[int]:
+    """The numbers of the steps. Raises an error if there is no step or, unless ``number`` is ``None``, no step with this number."""
+    if number is not None and not isinstance(number, int | np.integer):
+        raise TypeError(f"step = {number!r}: expected a whole number or None")
+    numbers = [int(each) for each in replay.steps.index.unique("step")]
+    if not numbers:
+        raise ValueError(f"{replay.recording.path} has no complete step: record a walk of several steps")
+    if number is not None and number not in numbers:
+        # Steps, load bouts and alerts are numbered in one sequence, so a number between those of two steps can be missing.
+        ranges = _ranges(numbers)
+        reason = "; the load bouts and alerts between them are no steps" if len(ranges) > 1 else ""
+        raise ValueError(f"there is no step {number}: the steps are {', '.join(ranges)}{reason}")
+    return numbers
 
 
 def _ranges(numbers: list[int]) -> list[str]:

@@ -281,7 +281,7 @@ class Recording:
         of the cells and are around their centres, but do not have their shapes."""
         from plantar import plots
 
-        return plots.foot(self)
+        return plots.foot(self, self.pressure_kpa.max(axis=0), f"Peak pressure, {self.side} foot")
 
 
 Recordings: TypeAlias = Recording | Path | Iterable[Recording | Path]
@@ -340,6 +340,27 @@ class Replay:
         # PerformanceWarning when a column is added, for example by `reset_index`.
         return table.set_index("t_s").copy()
 
+    @cached_property
+    def cell_peaks_kpa(self) -> pd.DataFrame:
+        """The peak pressure of each cell in each step, kPa: one row for each step, one column for each cell of
+        ``recording.cells``. Their mean, ``cell_peaks_kpa.mean()``, is the mean peak pressure picture of the steps.
+
+        These are pressures of the recording. The steps have those above the baseline, from which the zero of the options is
+        subtracted, too."""
+        first, frames = self._stances()
+        pressure_kpa = self.recording.pressure_kpa
+        # The frame of toe off is not part of the stance: its force is below the threshold.
+        stances = (pressure_kpa[start : start + count] for start, count in zip(first, frames, strict=True))
+        peaks = np.array([stance.max(axis=0) for stance in stances], dtype=np.float32)
+        cells, steps = self.recording.cells.index, self.steps.index.unique("step")
+        return pd.DataFrame(peaks.reshape(-1, len(cells)), index=steps, columns=cells)
+
+    def _stances(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """The frame of heel strike of each step, and the number of frames from it to that of toe off, which is not included."""
+        steps = self.steps.groupby(level="step", sort=False)[["start_s", "duration_s"]].first()
+        first: npt.NDArray[np.int64] = self.recording.t_s.searchsorted(steps["start_s"])
+        return first, (steps["duration_s"].to_numpy() / self._period_s).round().astype(np.int64)
+
     def normalised(
         self, quantity: str, points: int = 101, *, region: str | None = None
     ) -> npt.NDArray[np.float64]:
@@ -365,11 +386,8 @@ class Replay:
         if self.steps.empty:
             return np.empty((0, points))
         values = self.frames[column].to_numpy(float)
-        steps = self.steps.groupby(level="step", sort=False)[["start_s", "duration_s"]].first()
-        start = self.recording.t_s.searchsorted(steps["start_s"])
-        # At toe off, the force is below the threshold: the frame before is the last one of the stance.
-        length = steps["duration_s"].to_numpy() / self._period_s - 1
-        frames = start[:, None] + length[:, None] * np.linspace(0.0, 1.0, points)
+        first, count = self._stances()
+        frames = first[:, None] + (count - 1)[:, None] * np.linspace(0.0, 1.0, points)
         curves: npt.NDArray[np.float64] = np.interp(frames, np.arange(len(values)), values)
         return curves
 
@@ -385,3 +403,10 @@ class Replay:
         from plantar import plots
 
         return plots.step(self, step)
+
+    def plot_pressure(self, step: int | None = None) -> Figure:
+        """Draws the peak pressure of each cell in a step or, by default, its mean over the steps: ``cell_peaks_kpa``, in the form
+        of ``Recording.plot``."""
+        from plantar import plots
+
+        return plots.peaks(self, step)
