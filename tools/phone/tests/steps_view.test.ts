@@ -42,6 +42,20 @@ test("without measures, the reason is shown instead of an empty table", () => {
   expect([element("both-feet").hidden, element("both-feet-help").hidden]).toEqual([false, false]);
 });
 
+test("flight is shown only if there is any, on one foot or both", () => {
+  const measure = (key: string, left: number | null, right: number | null) => {
+    const [of_left, of_right] = [left, right].map((mean) => mean !== null && { count: 3, mean, low: null, high: null });
+    return { key, title: key, unit: "s", digits: 2, left: of_left || null, right: of_right || null, symmetry_percent: null };
+  };
+  const shown = (left: number | null, right: number | null) => {
+    const measures = [measure("stance_time_s", 0.3, 0.3), measure("flight_s", left, right)];
+    drawSteps(STEPS, [1, 0], 1, { ...GAIT, measures } as Gait, SETTINGS);
+    return element("both-feet tbody").content.includes("flight_s");
+  };
+  expect([shown(0, 0), shown(0, null), shown(null, null)]).toEqual([false, false, false]);
+  expect([shown(0.05, 0), shown(null, 0.05)]).toEqual([true, true]);
+});
+
 test("the duration of a short load bout is not rounded to zero, and a day of standing has no peak", () => {
   const bout = (duration_s: number) =>
     ({ bout: { side: "left", kind: "shuffling", duration_s, regions: {} }, start_unix_s: null }) as unknown as StoredBout;
