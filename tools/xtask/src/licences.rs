@@ -4,6 +4,7 @@ use crate::command::root;
 use crate::{BOARDS, TARGET, build, setup};
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
+use spdx::{Expression, LicenseId, Licensee, ParseMode};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::fs;
@@ -31,8 +32,9 @@ Licences of third-party libraries in Plantar
 The firmware, the command line, the Python package and the page contain the libraries of this list; each entry names
 the parts of Plantar that contain the library. Plantar uses all libraries without changes. Their sources are at
 https://crates.io/crates/NAME/VERSION. If an expression offers a choice that includes a licence of GNU, Plantar uses
-the library under another licence of the choice. The texts of the licences follow the list. RUST-LIBRARY.html has the
-licences of Rust's standard library, which all parts contain.
+the library under another licence of the choice. The texts of the licences follow the list. A library whose authors
+distribute it without the text of its licence has the standard text; its copyright is that of its authors. The file
+RUST-LIBRARY.html has the licences of Rust's standard library, which all parts contain.
 
 On Linux, the command line contains libdbus, of which the crate libdbus-sys has the source. Plantar uses libdbus under
 the Academic Free License 2.1, not under the GNU General Public License.
@@ -44,6 +46,9 @@ decompiled or modified.
 
 /// Folders within a crate with code that is not compiled into programs, so that licences there do not apply to them.
 const SKIPPED_FOLDERS: [&str; 5] = ["cmake", "contrib", "examples", "programs", "tests"];
+
+/// The licences under which Plantar uses crates that contain no text of their licence, the preferred one first.
+const STANDARD_LICENCES: [&str; 4] = ["Apache-2.0", "MIT", "BSD-3-Clause", "Zlib"];
 
 /// Name and version of a crate.
 type Crate = (String, String);
@@ -126,16 +131,25 @@ fn third_party(crates: &BTreeMap<Crate, Vec<&'static str>>) -> Result<String> {
         find_licences(folder, false, &mut files)?;
         files.extend(word(package, "license_file").map(|file| folder.join(file)));
         let mut numbers = BTreeSet::new();
-        for file in files {
-            let text = fs::read(&file).with_context(|| format!("cannot read {}", file.display()))?;
+        let mut add = |text: &str, origin: String| {
             // Texts that differ only in the ends of their lines are equal.
-            let text: Vec<_> = String::from_utf8_lossy(&text).lines().map(|line| line.trim_end().to_owned()).collect();
+            let text: Vec<_> = text.lines().map(str::trim_end).collect();
             let next = texts.len() + 1;
             let (number, having) = texts.entry(text.join("\n").trim_matches('\n').into()).or_insert((next, Vec::new()));
             numbers.insert(*number);
-            having.push(format!("{name} {version}: {}", file.strip_prefix(folder)?.display()));
+            having.push(format!("{name} {version}: {origin}"));
+        };
+        let expression = word(package, "license");
+        if files.is_empty() {
+            let standard = standard_licences(expression.as_deref().unwrap_or_default())
+                .with_context(|| format!("{name} {version} contains no text of its licence"))?;
+            standard.iter().for_each(|licence| add(licence.text(), format!("standard text of {}", licence.name)));
         }
-        let expression = word(package, "license").unwrap_or_else(|| "see its text".into());
+        for file in files {
+            let text = fs::read(&file).with_context(|| format!("cannot read {}", file.display()))?;
+            add(&String::from_utf8_lossy(&text), file.strip_prefix(folder)?.display().to_string());
+        }
+        let expression = expression.unwrap_or_else(|| "see its text".into());
         let authors = package["authors"].as_array().into_iter().flatten().filter_map(Value::as_str);
         let authors = authors.collect::<Vec<_>>().join(", ");
         let numbers = numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
@@ -143,7 +157,6 @@ fn third_party(crates: &BTreeMap<Crate, Vec<&'static str>>) -> Result<String> {
         if !authors.is_empty() {
             writeln!(list, "    authors: {authors}")?;
         }
-        let numbers = if numbers.is_empty() { "none in the crate" } else { &numbers };
         writeln!(list, "    texts: {numbers}")?;
     }
     let mut text = format!("{INTRODUCTION}\n\nLIBRARIES\n{list}\n\nTEXTS\n");
@@ -153,6 +166,19 @@ fn third_party(crates: &BTreeMap<Crate, Vec<&'static str>>) -> Result<String> {
         writeln!(text, "\n{}\nText {number}\n    {}\n\n{licence}", "-".repeat(100), files.join("\n    "))?;
     }
     Ok(text)
+}
+
+/// Selects those of [`STANDARD_LICENCES`] that fulfil an expression.
+fn standard_licences(expression: &str) -> Result<Vec<LicenseId>> {
+    let accepted = STANDARD_LICENCES.map(Licensee::parse).into_iter().collect::<Result<Vec<_>, _>>()?;
+    // Some crates still separate the licences of a choice by `/`.
+    let required = Expression::parse_mode(expression, ParseMode::LAX)?.minimized_requirements(&accepted);
+    let required = required.with_context(|| {
+        format!(
+            "\"{expression}\" needs a licence that is not listed in STANDARD_LICENCES of tools/xtask/src/licences.rs"
+        )
+    })?;
+    Ok(required.iter().filter_map(|requirement| requirement.license.id()).collect())
 }
 
 /// Finds the files in this folder, and in the folders below it, with texts of licences. `is_licences` is true for a folder that
@@ -182,4 +208,30 @@ fn cargo(arguments: &[&str]) -> Result<String> {
     let output = command.output().context("cargo does not start")?;
     ensure!(output.status.success(), "cargo {} failed", arguments.join(" "));
     Ok(String::from_utf8(output.stdout)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The names of the licences with which a crate without a text is listed.
+    fn names(expression: &str) -> Result<Vec<&'static str>> {
+        Ok(standard_licences(expression)?.iter().map(|licence| licence.name).collect())
+    }
+
+    #[test]
+    fn a_crate_without_a_text_is_listed_with_the_licences_that_it_needs() -> Result<()> {
+        assert_eq!(names("MIT OR Apache-2.0")?, ["Apache-2.0"]);
+        assert_eq!(names("MIT/Apache-2.0")?, ["Apache-2.0"]);
+        assert_eq!(names("MIT")?, ["MIT"]);
+        assert_eq!(names("(MIT OR GPL-3.0-only) AND BSD-3-Clause")?, ["MIT", "BSD-3-Clause"]);
+        Ok(())
+    }
+
+    #[test]
+    fn a_licence_that_was_not_accepted_is_an_error() {
+        for expression in ["", "GPL-3.0-only", "MIT AND MPL-2.0", "LicenseRef-Nordic-5-Clause"] {
+            assert!(names(expression).is_err(), "{expression}");
+        }
+    }
 }

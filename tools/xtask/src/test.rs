@@ -4,7 +4,7 @@ use crate::arguments::Soak;
 use crate::build::{bootloader, build_firmware, build_whole_host, firmware, firmware_command};
 use crate::command::{built, join, root, run, run_command};
 use crate::setup::Python;
-use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
+use crate::{BOARDS, EMULATED, bench, licences, limits, package, page, setup};
 use anyhow::Result;
 use std::path::PathBuf;
 use std::process::Command;
@@ -93,12 +93,13 @@ fn quiet_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()
 }
 
 /// Lints the firmware of all boards, the minimal board and the program that checks a signature, and checks the dependencies:
-/// their licences and sources, and that none is banned.
+/// their licences, the texts of these and their sources, and that none is banned.
 fn check_boards_and_dependencies() -> Result<()> {
     let boards = BOARDS.into_iter().flat_map(|board| [board.to_owned(), bootloader(board)]);
     let mut packages = boards.chain(["minimal-board", "signature-check"].map(String::from));
     packages.try_for_each(|package| quiet_firmware("clippy", &package, &DENY_WARNINGS))?;
-    deny(&["licenses", "bans", "sources"])
+    deny(&["licenses", "bans", "sources"])?;
+    licences::write(&built("licences"))
 }
 
 /// On Linux, lets this thread, and the programs that it starts, run only while a processor has nothing else to do: they delay
