@@ -53,9 +53,9 @@ pub fn table<Name: AsRef<str>>(columns: &Row<Name>, rows: &[Row<Name>]) -> PyRes
     RecordBatch::try_new(Arc::new(schema(columns)), arrays).map_err(exception)
 }
 
-/// A table of numbers. `names` has the name of each of the `columns`.
-pub fn numbers(names: &[String], columns: Vec<Vec<Option<f64>>>) -> PyResult<RecordBatch> {
-    let fields: Vec<_> = names.iter().map(|name| Field::new(name, DataType::Float64, true)).collect();
+/// A table of numbers, NaN without a value. `names` has the name of each of the `columns`.
+pub fn numbers(names: &[String], columns: Vec<Vec<f64>>) -> PyResult<RecordBatch> {
+    let fields: Vec<_> = names.iter().map(|name| Field::new(name, DataType::Float64, false)).collect();
     let arrays = columns.into_iter().map(|values| Arc::new(Float64Array::from(values)) as ArrayRef).collect();
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(exception)
 }

@@ -27,8 +27,8 @@ struct Replayed {
     /// Notes for the user: those of [`walk::notes`], and on sensor faults.
     notes: Vec<String>,
     /// The live values: one vector for each of the columns [`frames::column_names`]. The vectors are empty if the values were not
-    /// requested.
-    frames: Vec<Vec<Option<f64>>>,
+    /// requested. NaN stands for a value that does not exist: with 8 bytes for each value, a long recording fits into memory.
+    frames: Vec<Vec<f64>>,
 }
 
 /// Computes the steps of a recording as an insole would and, if `with_frames` is true, the live values of every frame. `params`
@@ -126,7 +126,7 @@ fn run<R: Real>(
         if with_frames {
             row.clear();
             frames::push_row(&mut row, t_s, &insole, virtual_insole.setup.contact);
-            columns.iter_mut().zip(&row).for_each(|(column, value)| column.push(*value));
+            columns.iter_mut().zip(&row).for_each(|(column, value)| column.push(value.unwrap_or(f64::NAN)));
         }
     }
     let toe_off = insole.end_stance();
