@@ -859,9 +859,10 @@ fn identified_parameters_are_accepted_only_if_their_contact_rule_is_in_force() {
         |contact| ToDevice::SetIdentifiedTissue { tissue: *TISSUE, identified: Identified { contact, ..identified } };
     // Without a layout no rule is in force.
     session.receive(request(SETUP.contact), 0);
+    assert_eq!(all(&mut session), [Sent::Refused(Refusal::NoLayout)]);
     session.set_layout(SETUP, &[], None);
     session.receive(request(ContactRule::COVERED), 0);
-    assert_eq!(all(&mut session), [Sent::Refused(Refusal::ContactRule); 2]);
+    assert_eq!(all(&mut session), [Sent::Refused(Refusal::ContactRule)]);
     assert_eq!(*session.tissue(), Tissue::NONE);
 
     session.receive(request(SETUP.contact), 0);

@@ -1,5 +1,5 @@
-//! The detection of stances in sequences of total force, and the quantities of a step, compared with a direct transcription of
-//! the paper's method in f64.
+//! The detection of stances in sequences of total force, and the quantities of a step. Those of a region are compared with a
+//! direct transcription of the paper's method in f64.
 
 use plantar::Real;
 use plantar::insole::Insole;

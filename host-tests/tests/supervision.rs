@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 const MAX_RECOVERY_S: f64 = 2.0;
 /// Longest duration of a test. A machine that needs more time is too busy for the test.
 const TIMEOUT: Duration = Duration::from_secs(120);
-/// Time without a message after which the host connects again.
+/// Time without a live frame after which the host connects again, and the longest wait for a message.
 const SILENCE: Duration = Duration::from_millis(50);
 
 /// A matrix that never answers.
@@ -87,7 +87,7 @@ impl ConnectedBoard {
         self.link.receive().expect("the link works")
     }
 
-    /// Requests live frames, and connects again whenever the board is silent, until a hello meets the condition.
+    /// Requests live frames, and connects again whenever the board sends none, until a hello meets the condition.
     fn hello(&mut self, is_expected: impl Fn(&Hello) -> bool) -> Hello {
         let (found, _) = self.hello_and_last_live(is_expected);
         found

@@ -386,7 +386,8 @@ def test_the_peaks_of_the_cells_are_those_of_the_regions_of_each_step(walk_file:
     regions = replay.recording.cells["region"]
     by_step = peaks.T.groupby(regions, observed=True).max().T
     expected = replay.steps["peak_pressure_kpa"].unstack()
-    # The computed walk has no pressure without load. Steps have multiples of 0.1 kPa.
+    # The baseline of the computed walk is 0, so the recorded pressures are those that the insole evaluates. A step record has a
+    # resolution of 0.1 kPa.
     np.testing.assert_allclose(by_step.to_numpy(), expected.to_numpy(), atol=0.1)
     # There is no load between the steps of the computed walk.
     pressure_kpa, t_s = replay.recording.pressure_kpa, replay.recording.t_s
@@ -661,7 +662,7 @@ def test_pressures_at_a_limit_and_values_at_the_end_of_their_range_are_named(
     limited.write(tmp_path / "limited.parquet")
     assert "warning: In " in plantar("info", tmp_path / "limited.parquet")
     assert "warning: In " not in plantar("info", walk_file)
-    # Heels on which the whole force of a step begins within a frame.
+    # Steps in which the force on all cells begins from one frame to the next.
     steps = np.repeat(whole.pressure_kpa.max(axis=0)[None] * 4, 200, axis=0)
     steps[np.arange(200) % 100 < 50] = 0
     with pytest.warns(UserWarning, match=r"largest force"):

@@ -1,9 +1,9 @@
 //! Alerts: when a region has carried too much load for too long, the wearer is asked to unload it.
 //!
 //! An alert is raised when a region is under sustained load ([`super::cumulative`]), at the earliest [`AlertRules::pause_s`]
-//! after the previous alert, and is repeated at this interval until the region is relieved. Another alert is raised once a day when
-//! the dose of a region reaches [`AlertRules::dose_kpa_s`]. At most [`AlertRules::per_day`] alerts are raised in a day, so that
-//! they do not go on without end.
+//! after the previous alert, and is repeated at this interval until the region is relieved. Another alert is raised once a day
+//! when the dose of a region reaches [`AlertRules::dose_kpa_s`]. At most [`AlertRules::per_day`] alerts are raised in a day, so
+//! that they do not go on without end.
 
 use super::cumulative::{LoadLimits, Totals};
 use super::region::Side;

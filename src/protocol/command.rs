@@ -9,7 +9,8 @@ use crate::pipeline::region::Side;
 use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::tissue::{Identified, Tissue};
 
-/// A request that needs the storage. It is answered on completion: [`super::session::Session::complete`].
+/// A request that needs the storage. Except [`Command::Restart`], which has no answer, it is answered on completion:
+/// [`super::session::Session::complete`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Store the wearer's parameters, which are in force from then on, and how they were identified, if this is known.
@@ -51,11 +52,14 @@ impl Command {
             }
             ToDevice::SetIdentifiedTissue { tissue, identified } => match tissue.check() {
                 Err(error) => Some(Err(error.into())),
-                Ok(()) => accept(
-                    contact == Some(identified.contact),
-                    Refusal::ContactRule,
-                    Self::Tissue(tissue, Some(identified)),
-                ),
+                Ok(()) => match contact {
+                    None => Some(Err(Refusal::NoLayout)),
+                    Some(contact) => accept(
+                        contact == identified.contact,
+                        Refusal::ContactRule,
+                        Self::Tissue(tissue, Some(identified)),
+                    ),
+                },
             },
             ToDevice::SetIdentity { side, serial } => {
                 accept(serial.is_valid(), Refusal::Serial, Self::SetIdentity(side, serial))

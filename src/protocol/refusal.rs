@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 /// Why a request was not executed. Except after [`Refusal::NotStored`] and [`Refusal::Update`], nothing was changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// A frame arrived intact and contains no message that this firmware knows.
+    /// A frame arrived intact, and its message is unknown to this firmware or too short. `plantar serve` refuses a request of the
+    /// page that it does not understand with it, too.
     NotUnderstood,
     /// The identifier of the parameters is not the checksum of their values.
     TissueId,
@@ -20,7 +21,8 @@ pub enum Refusal {
     /// The flash chip failed to store the value, its supply is too low, or the insole is in recovery mode, in which it stores
     /// nothing. New parameters and rules of alerts are in force until the next start only; other values are not in force.
     NotStored,
-    /// The previous command is still being executed.
+    /// An earlier request is still being executed. `plantar serve` also refuses a request with it if the link to the insole ended
+    /// before the answer.
     Busy,
     /// The serial number contains a space or a character that is not printable ASCII.
     Serial,
@@ -112,7 +114,7 @@ impl fmt::Display for Refusal {
                 "another phone or program is connected to the insole, by cable or Bluetooth, and receives its steps now: \
                  this connection continues soon after the other one has ended",
             ),
-            Self::NoLayout => f.write_str("the insole has no valid layout; its hello has the reason"),
+            Self::NoLayout => f.write_str("the insole has no valid layout; `plantar insole show` prints the reason"),
             Self::Settings => write!(
                 f,
                 "the settings are out of range: {} to {} frames/s, a scale of {} to {}, 0 < off_kpa <= on_kpa <= 1000, \

@@ -23,8 +23,8 @@ impl Port {
         Self { registers, interrupt, received: Pipe::new() }
     }
 
-    /// Enables the port and its request of an interrupt for each received byte; the caller then unmasks the interrupt. The handler
-    /// of the interrupt must call [`Port::on_interrupt`]. The emulator ignores bit rates.
+    /// Enables the port and its request of an interrupt for each received byte; the caller then unmasks the interrupt. The
+    /// handler of the interrupt must call [`Port::on_interrupt`]. The emulator ignores bit rates.
     pub fn start(&self) {
         self.registers.cr1().write(|w| {
             w.set_ue(true);

@@ -35,8 +35,8 @@ pub const INPUTS: usize = 4;
 const CHANNELS: usize = 4;
 const _: () = assert!(INPUTS * CHANNELS == COLUMNS && ROWS == 16);
 
-/// Least code that counts as saturated. A saturated amplifier has the code 65,204, but the gain of the converter may be 3 % too low:
-/// the code is then 63,248.
+/// Least code that counts as saturated. A saturated amplifier has the code 65,204, but the gain of the converter may be 3 % too
+/// low: the code is then 63,248.
 const CLIPPED_CODE: u16 = 62_900;
 /// Settling time after a change of the multiplexers, us: they connect settled outputs to the converter,
 /// with some 60 pF.

@@ -164,9 +164,9 @@ pub fn flash_image(firmware: &Path) -> Result<Vec<u8>, Error> {
     if len > MAX_IMAGE as usize { Err(Error::TooLarge(firmware.into(), len)) } else { Ok(image) }
 }
 
-/// The loaded segments of an ELF file, each with its offset in the image; `None` if the file is not valid or has none. The address
-/// of the flash depends on the controller, so offsets count from the segment at the lowest address, which begins with the vector
-/// table.
+/// The loaded segments of an ELF file, each with its offset in the image; `None` if the file is not valid or has none. The
+/// address of the flash depends on the controller, so offsets count from the segment at the lowest address, which begins with the
+/// vector table.
 fn loaded_segments(elf: &[u8]) -> Option<Vec<(usize, &[u8])>> {
     let file = object::read::elf::ElfFile32::<object::Endianness>::parse(elf).ok()?;
     let mut segments = Vec::new();

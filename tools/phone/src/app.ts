@@ -162,8 +162,8 @@ export class App {
   }
 
   /**
-   * True if the page is in a frame of another page; then also shows a message. There, this page has a store of its own, and steps that it acknowledges
-   * would be lost for the wearer.
+   * True if the page is in a frame of another page; then also shows a message. There, this page has a store of its own, and steps
+   * that it acknowledges would be lost for the wearer.
    */
   private isFramed(): boolean {
     if (window.top === window) return false;

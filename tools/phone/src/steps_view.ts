@@ -19,8 +19,8 @@ const OMITTED = ["swing_percent", "first_double_support_s", "single_support_perc
 
 /**
  * Shows the last steps. `today` contains the numbers of steps of the left and of the right foot today, and `count` is the number
- * of all stored steps; for a recording, `today` contains all its steps, and `count` is `undefined`. To be called after each change
- * of the steps or of the settings, and of the day.
+ * of all stored steps; for a recording, `today` contains all its steps, and `count` is `undefined`. To be called after each
+ * change of the steps or of the settings, and of the day.
  */
 export function drawSteps(
   steps: readonly StoredStep[],

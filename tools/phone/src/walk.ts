@@ -48,8 +48,8 @@ export function whyNotCompared(steps: readonly StoredStep[]): string {
 /**
  * The measures of both feet. Steps of a foot that cannot be compared in time with its other ones are not used. The feet are
  * compared if the newest step of each foot has an exact time, and enough of all its steps have one
- * ({@link Wire.areFeetComparable}); then only steps with exact times are used. If the steps of one foot are all earlier than those
- * of the other one, only the foot that walked last is measured.
+ * ({@link Wire.areFeetComparable}); then only steps with exact times are used. If the steps of one foot are all earlier than
+ * those of the other one, only the foot that walked last is measured.
  */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
   const latest = latestOf(steps);

@@ -51,7 +51,7 @@ test("without times on the browser's clock, each foot is measured alone", () => 
   expect(measure(gait, "step_time_s")).toMatchObject({ left: null, right: null, symmetry_percent: null });
 });
 
-test("load bouts that another insole has numbered before are not missing steps", () => {
+test("only a load bout of the same insole explains a missing step number", () => {
   const steps = [...foot("left", 0, 0.8, 60), ...foot("right", 0.5, 0.7, 60)];
   const bout = (number: number, start_unix_s: number) =>
     ({ bout: { side: "left", number }, start_unix_s }) as unknown as StoredBout;

@@ -355,7 +355,8 @@ impl Fit {
         Ok(())
     }
 
-    /// Prints and writes the results. Returns true if all regions were fitted and no result has a defect ([`Study::is_complete`]).
+    /// Prints and writes the results. Returns true if all regions were fitted and no result has a defect
+    /// ([`Study::is_complete`]).
     pub fn write(&self, study: &Study) -> Result<bool> {
         results::print(study);
         let fitted = study.fits.iter().flatten().count();

@@ -14,8 +14,8 @@ use std::process::Command;
 
 /// Number of steps of the walk. The walk is played in real time, so that it continues after the program has connected.
 const STEPS: usize = 8;
-/// Number of steps after which the recording ends. If the computer is so busy that the board misses many scans, a step can be
-/// missing.
+/// Number of received steps after which the recording ends. Those that the insole had stored before the program connected are
+/// among them.
 const RECORDED_STEPS: usize = 5;
 
 fn plantar(arguments: &[&str]) -> String {

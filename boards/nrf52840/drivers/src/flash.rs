@@ -28,8 +28,8 @@ const OPEN_LIMIT_MS: u32 = ERASE_LIMIT_MS;
 /// and before a read, a write or an erase operation, it polls the status of the chip and waits until the chip is not busy
 /// (documentation of Nordic's driver `nrfx_qspi`). The transfer of a page takes 0.13 ms.
 pub const BUS_LIMIT_MS: u32 = OPEN_LIMIT_MS;
-/// Largest number of attempts of a read. With one attempt, a single failed read at the start would count as a missing record, such
-/// as the alert rules. A read from a chip that does not answer takes up to twice [`BUS_LIMIT_MS`].
+/// Largest number of attempts of a read. With one attempt, a single failed read at the start would count as a missing record,
+/// such as the alert rules. A read from a chip that does not answer takes up to twice [`BUS_LIMIT_MS`].
 const READS: usize = 2;
 /// Number of times that the identity of the chip is read, a millisecond apart.
 const IDENTITY_READS: usize = 5;
