@@ -54,7 +54,7 @@
 //! let setup = Setup { side: Side::Left, layout_id: 1, period_us: 10_000, sensor, contact, stance };
 //! let cells = [(20.0, 20.0), (30.0, 20.0), (20.0, 30.0), (30.0, 30.0)].map(|(x_mm, y_mm)| {
 //!     let cell = Cell { region: Region::Heel, x_mm, y_mm, area_mm2: 100.0 };
-//!     SetupCell { cell, calibration: CellCalibration::IDEAL, row_column: 0 }
+//!     SetupCell::new(cell, CellCalibration::IDEAL, 0)
 //! });
 //! let mut insole = Insole::<f64, 4>::new();
 //! insole.set_up(setup, cells.into_iter()).unwrap();

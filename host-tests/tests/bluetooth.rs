@@ -29,6 +29,10 @@ const VALUE_NOT_ALLOWED: u64 = 0x13;
 const OUT_OF_ORDER: u64 = 0x80;
 const NOT_UNDERSTOOD: u64 = 0x81;
 
+/// Stack that a pairing may use, bytes: the constant of this name in `tools/xtask/src/bench.rs`, with which the RAM of all boards
+/// is compared with its limit.
+const PAIRING_STACK_BYTES: u32 = 9_728;
+
 /// A computed walk of this number of steps.
 const WALK: fn(usize) -> Recording = |steps| synthetic_walk(steps, 100.0);
 
@@ -155,7 +159,9 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     // A live frame for each scan, and two fragments for each of the three steps.
     let values = f64::from(world.insole.scans()) + 6.0;
     println!("{:.0} notifications a second, nearly all of them live frames", values / begin.elapsed().as_secs_f64());
-    println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.radio).stack_bytes);
+    let stack_bytes = phone.status(&mut world.radio).stack_bytes;
+    println!("deepest stack with a pairing: {stack_bytes} bytes");
+    assert!(stack_bytes <= PAIRING_STACK_BYTES, "{stack_bytes} bytes");
 }
 
 /// The phone accepts only what Apple's guidelines for accessories allow: an interval of at least 15 ms and a range of at least

@@ -286,11 +286,12 @@ proptest! {
         let mut cells: Vec<_> = cells
             .into_iter()
             .map(|(region, x_mm, y_mm, area_mm2, offset, gain)| SetupCell {
-                calibration: CellCalibration { offset, gain },
+                offset,
+                gain,
                 ..cell(Region::ALL[region], x_mm, y_mm, area_mm2)
             })
             .collect();
-        cells.sort_by_key(|c| c.cell.region);
+        cells.sort_by_key(|c| c.region);
         let contact = ContactRule { full_kpa, ..ContactRule::COUNTED };
         let setup = plantar::pipeline::setup::Setup { sensor: law, contact, ..SETUP };
         let mut single = Insole::<f32, 64>::new();

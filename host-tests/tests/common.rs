@@ -138,7 +138,7 @@ fn replay_codes(
     let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
-    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.offset).collect();
     let mut codes = vec![0; virtual_insole.cells.len()];
     let (mut live, mut steps) = (Vec::new(), Vec::new());
     for i in 0..virtual_insole.frames(recording) as u32 {

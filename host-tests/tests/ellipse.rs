@@ -63,7 +63,7 @@ fn grid(count: i32, side_mm: f32) -> impl Iterator<Item = (f32, f32)> + Clone {
 
 /// A cell of the heel.
 fn heel_cell(x_mm: f32, y_mm: f32, area_mm2: f32) -> Cell {
-    cell(Region::Heel, x_mm, y_mm, area_mm2).cell
+    cell(Region::Heel, x_mm, y_mm, area_mm2).cell()
 }
 
 /// Area moments about the origin of cells that are wholly in contact.

@@ -409,7 +409,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let mut cells = virtual_insole.cells.clone();
     cells.reverse();
-    assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
+    assert_ne!(cells.first().map(|c| c.region), Some(Region::Heel));
     let config = EmulatorConfig::new(virtual_insole.setup);
     let board = Board::start(&firmware, &config, &cells, Time::Fastest, Recorded::new(walk, virtual_insole))
         .expect("the board boots");
@@ -658,7 +658,7 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
     let walk = synthetic_walk(10, 100.0);
     let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
-    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.offset).collect();
     for fault in one_of_each(&walk, FAULT_S) {
         let played = Recorded::new(walk.clone(), virtual_insole.clone());
         let played = Faulty::new(played, vec![fault], virtual_insole.setup.period_us, zeros.clone());
@@ -685,7 +685,7 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
         if fault.kind != FaultKind::Saturated {
             fault
                 .cells(virtual_insole.cells.len())
-                .for_each(|cell| masked[virtual_insole.cells[cell].cell.region as usize] += 1);
+                .for_each(|cell| masked[virtual_insole.cells[cell].region as usize] += 1);
         }
         assert_eq!(faults.masked_cells, masked, "{fault}");
         let bits = masked.iter().enumerate().fold(0, |bits, (i, &cells)| bits | u8::from(cells > 0) << i);

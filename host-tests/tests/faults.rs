@@ -6,7 +6,6 @@ use emulator::{FAULT_EXAMPLES, SensorFault};
 use plantar::Region;
 use plantar::faults::{FaultKind, Faults, Place};
 use plantar::insole::Insole;
-use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::stance_rule::StanceRule;
@@ -216,10 +215,7 @@ fn heel_cells() -> impl Iterator<Item = SetupCell> + Clone {
 fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
     const OPEN: usize = 27;
     let gain = |i: usize| if (i + i / 8).is_multiple_of(2) { 0.5 } else { 2.0 };
-    let cells = heel_cells().enumerate().map(|(i, cell)| {
-        let calibration = CellCalibration { offset: 100, gain: gain(i) };
-        SetupCell { calibration, ..cell }
-    });
+    let cells = heel_cells().enumerate().map(|(i, cell)| SetupCell { offset: 100, gain: gain(i), ..cell });
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let mut insole = Box::new(Insole::<f64, 64>::new());
         insole.set_up(Setup { contact, ..SETUP }, cells.clone()).expect("the set-up is accepted");

@@ -25,8 +25,7 @@ fn every_cell_is_wired_once() {
 /// The order of the columns is that of the regions.
 #[test]
 fn the_regions_have_the_documented_numbers_of_cells() {
-    let counts =
-        Region::ALL.map(|region| layout::cells().filter(|cell| cell.cell.region == region).count().to_string());
+    let counts = Region::ALL.map(|region| layout::cells().filter(|cell| cell.region == region).count().to_string());
     let row = format!("| {} |", counts.join(" | "));
     assert!(include_str!("../../docs/hardware.md").contains(&row), "docs/hardware.md has no row {row}");
 }
@@ -40,10 +39,10 @@ fn the_matrix_is_folded_at_half_the_length() {
             // The rows of both halves form 32 lines, which divide the length of 270 mm.
             let line = row + ROWS * (column / (COLUMNS / 2));
             let y_mm = (line as f32 + 0.5) * 270.0 / 32.0;
-            assert!((cells[cell].cell.y_mm - y_mm).abs() < 1e-3, "row {row} column {column}");
+            assert!((cells[cell].y_mm - y_mm).abs() < 1e-3, "row {row} column {column}");
         }
         for half in [&columns[..COLUMNS / 2], &columns[COLUMNS / 2..]] {
-            let x_mm: Vec<f32> = half.iter().flatten().map(|&cell| cells[usize::from(cell)].cell.x_mm).collect();
+            let x_mm: Vec<f32> = half.iter().flatten().map(|&cell| cells[usize::from(cell)].x_mm).collect();
             assert!(x_mm.is_sorted(), "the cells of row {row} must be in order from medial to lateral");
         }
     }
@@ -53,7 +52,7 @@ fn the_matrix_is_folded_at_half_the_length() {
 fn cells_and_sole_have_the_right_size() {
     let mut total_mm2 = 0.0;
     for region in Region::ALL {
-        let areas: Vec<f32> = layout::cells().filter(|c| c.cell.region == region).map(|c| c.cell.area_mm2).collect();
+        let areas: Vec<f32> = layout::cells().filter(|c| c.region == region).map(|c| c.area_mm2).collect();
         assert!(areas.len() >= 4, "{} has only {} cells", region.name(), areas.len());
         assert!(areas.iter().all(|area| (50.0..=130.0).contains(area)), "{}: {areas:?}", region.name());
         total_mm2 += areas.iter().sum::<f32>();

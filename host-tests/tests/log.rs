@@ -16,7 +16,7 @@ fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
     let recording = synthetic_walk(8, 100.0);
     let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let faults: Vec<SensorFault> = vec!["short-cell:20@1.5".parse().expect("the fault can be parsed")];
-    let zeros = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let zeros = virtual_insole.cells.iter().map(|cell| cell.offset).collect();
     let walk =
         Faulty::new(Recorded::new(recording, virtual_insole.clone()), faults, virtual_insole.setup.period_us, zeros);
     let board =

@@ -56,14 +56,14 @@ impl Reference {
         let curve = curve(&setup.sensor);
         // The code of a threshold is one below the first code with at least the pressure of the threshold, so that a cell with
         // exactly this pressure is in contact even if its code was rounded down.
-        let code_at = |kpa: f32, c: &CellCalibration| {
+        let code_at = |kpa: f32, c: &SetupCell| {
             let reads = |code: &u16| curve.pressure_kpa::<f32>(i32::from(*code) + 1) >= kpa / c.gain;
             (1..FULL_CODE).find(reads).unwrap_or(FULL_CODE).saturating_add(c.offset).min(FULL_CODE)
         };
         let rule = &setup.contact;
         let thresholds = cells
             .iter()
-            .map(|SetupCell { calibration: c, .. }| {
+            .map(|c| {
                 let full = if rule.full_kpa > 0.0 { code_at(rule.full_kpa, c) } else { 0 };
                 (code_at(rule.on_kpa, c), code_at(rule.off_kpa, c), full)
             })
@@ -72,7 +72,7 @@ impl Reference {
     }
 
     fn pressure_kpa(&self, i: usize, code: u16) -> f64 {
-        let CellCalibration { offset, gain } = self.cells[i].calibration;
+        let SetupCell { offset, gain, .. } = self.cells[i];
         self.curve.pressure_kpa::<f64>(i32::from(code.saturating_sub(offset))) * f64::from(gain)
     }
 
@@ -98,11 +98,11 @@ impl Reference {
 
     fn region(&self, region: Region, codes: &[u16]) -> Truth {
         let mut truth = Truth::default();
-        let members: Vec<_> = (0..self.cells.len()).filter(|&i| self.cells[i].cell.region == region).collect();
+        let members: Vec<_> = (0..self.cells.len()).filter(|&i| self.cells[i].region == region).collect();
         let (mut x, mut y, mut force_x, mut force_y) = (0.0, 0.0, 0.0, 0.0);
-        let covered_mm2 = |i: usize| f64::from(self.cells[i].cell.area_mm2) * self.share(i, codes[i]) / 256.0;
+        let covered_mm2 = |i: usize| f64::from(self.cells[i].area_mm2) * self.share(i, codes[i]) / 256.0;
         for &i in &members {
-            let c = &self.cells[i].cell;
+            let c = &self.cells[i];
             let (area_mm2, x_mm, y_mm) = (f64::from(c.area_mm2), f64::from(c.x_mm), f64::from(c.y_mm));
             let force_n = self.pressure_kpa(i, codes[i]) * area_mm2 * 1e-3;
             truth.area_mm2 += covered_mm2(i);
@@ -117,7 +117,7 @@ impl Reference {
         (truth.x_mm, truth.y_mm) = (x / truth.area_mm2, y / truth.area_mm2);
         (truth.pressure_x_mm, truth.pressure_y_mm) = (force_x / truth.force_n, force_y / truth.force_n);
         for &i in &members {
-            let c = &self.cells[i].cell;
+            let c = &self.cells[i];
             let own_variance = f64::from(c.area_mm2) / 12.0;
             let weight = covered_mm2(i) / truth.area_mm2;
             truth.variance_x += weight * ((f64::from(c.x_mm) - truth.x_mm).powi(2) + own_variance);
@@ -135,7 +135,8 @@ fn layout() -> impl Strategy<Value = Vec<SetupCell>> {
     let some_regions = prop::sample::subsequence((0..8).collect::<Vec<usize>>(), 1..=8);
     (some_regions, prop::collection::vec(one, 1..=256)).prop_map(|(regions, cells)| {
         let build = |((region, x, y, area), offset, gain): ((usize, i16, i16, u16), u16, f32)| SetupCell {
-            calibration: CellCalibration { offset, gain },
+            offset,
+            gain,
             ..cell(
                 Region::ALL[regions[region % regions.len()]],
                 f32::from(x) / 32.0,
@@ -144,7 +145,7 @@ fn layout() -> impl Strategy<Value = Vec<SetupCell>> {
             )
         };
         let mut cells: Vec<_> = cells.into_iter().map(build).collect();
-        cells.sort_by_key(|c| c.cell.region);
+        cells.sort_by_key(|c| c.region);
         cells
     })
 }
@@ -176,7 +177,7 @@ fn new_insole<R: Real>(setup: Setup, cells: &[SetupCell]) -> Box<Insole<R, 256>>
 
 /// Area of a region's cells, mm2.
 fn region_area_mm2(cells: &[SetupCell], region: usize) -> f64 {
-    cells.iter().filter(|c| c.cell.region as usize == region).map(|c| f64::from(c.cell.area_mm2)).sum()
+    cells.iter().filter(|c| c.region as usize == region).map(|c| f64::from(c.area_mm2)).sum()
 }
 
 proptest! {
@@ -266,7 +267,8 @@ fn mixed_layout(count: usize) -> Vec<SetupCell> {
     let mut random = || f32::from(next()) / 65536.0;
     (0..count)
         .map(|i| SetupCell {
-            calibration: CellCalibration { offset: (random() * 500.0) as u16, gain: 0.5 + random() },
+            offset: (random() * 500.0) as u16,
+            gain: 0.5 + random(),
             ..cell(Region::ALL[i * 8 / count], random() * 90.0, random() * 260.0, 5.0 + 60.0 * random())
         })
         .collect()
@@ -368,7 +370,7 @@ fn invalid_cells_are_refused_with_their_number() {
     assert_eq!(try_set_up(SETUP, &[good; 5]), Err(SetupError::TooManyCells));
     assert_eq!(try_set_up(SETUP, &[heel, good, heel]), Err(SetupError::RegionOrder(2)));
     let far = |x_mm, y_mm| cell(Region::Toe2, x_mm, y_mm, 25.0);
-    let with = |calibration| SetupCell { calibration, ..good };
+    let with = |calibration| good.calibrated(calibration);
     // The reference point of a region is the middle of its cells: at 2.1 times the largest distance from another cell, a cell is
     // 1.05 times this distance from the reference point.
     let bad_cells = [
@@ -493,8 +495,8 @@ fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
             .map(|c| {
                 let points = (0..POINTS * POINTS).map(|i| {
                     let offset = |k: usize, mm: f64| ((k as f64 + 0.5) / POINTS as f64 - 0.5) * mm;
-                    let x = f64::from(c.cell.x_mm) + offset(i % POINTS, CELL_MM[0]) - dx_mm;
-                    let y = f64::from(c.cell.y_mm) + offset(i / POINTS, CELL_MM[1]) - dy_mm;
+                    let x = f64::from(c.x_mm) + offset(i % POINTS, CELL_MM[0]) - dx_mm;
+                    let y = f64::from(c.y_mm) + offset(i / POINTS, CELL_MM[1]) - dy_mm;
                     let q = x.hypot(y) / r_mm;
                     if q < 1.0 { stiffness_kpa_m * e.local_deformation_m(deformation_m, q) } else { 0.0 }
                 });

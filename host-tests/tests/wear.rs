@@ -6,7 +6,6 @@ use plantar::Region;
 use plantar::faults::FaultKind;
 use plantar::insole::Insole;
 use plantar::pipeline::baseline::MAX_RESIDUAL_KPA;
-use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::SetupCell;
 use plantar::pipeline::stance_rule::StanceRule;
@@ -167,7 +166,7 @@ fn a_lifted_foot_is_recognised_by_pressures_and_not_by_codes() {
     for gain in [0.5, 1.0, 2.0] {
         let cells = (0..64u8).map(|i| {
             let at = cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0);
-            SetupCell { row_column: i, calibration: CellCalibration { offset: 0, gain }, ..at }
+            SetupCell { row_column: i, offset: 0, gain, ..at }
         });
         let mut insole = Box::new(Insole::<f64, 64>::new());
         let mut steps_with = |shoe_kpa: f64| {
@@ -198,7 +197,7 @@ fn two_successive_swings_lower_the_zero() {
     let lowered = |below: &[u16]| {
         let cells = (0..CELLS).map(|i| {
             let at = cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0);
-            SetupCell { row_column: i, calibration: CellCalibration { offset: ZERO, gain: 1.0 }, ..at }
+            SetupCell { row_column: i, offset: ZERO, gain: 1.0, ..at }
         });
         let mut insole = Box::new(Insole::<f64, 64>::new());
         insole.set_up(SETUP, cells).expect("the set-up is accepted");

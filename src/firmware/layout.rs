@@ -104,7 +104,7 @@ pub static WIRING: &[[Option<u8>; COLUMNS]; ROWS] = &LAYOUT.wiring;
 /// The cells in the order of a frame.
 pub fn cells() -> impl Iterator<Item = SetupCell> + Clone {
     let cells = LAYOUT.cells.iter().zip(&LAYOUT.row_columns);
-    cells.map(|(&cell, &row_column)| SetupCell { cell, calibration: UNLOADED, row_column })
+    cells.map(|(&cell, &row_column)| SetupCell::new(cell, UNLOADED, row_column))
 }
 
 /// The set-up of the reference insole with the default rules. The feedback resistors of its amplifiers are chosen for this full

@@ -371,7 +371,7 @@ async fn restore_calibration(
         let Ok(Some(block)) = block else { return 0 };
         insole.recalibrate(cells.clone(), first, &block);
         let valid = calibrated.iter_mut().skip(first).zip(block).filter(|(_, new)| new.is_valid());
-        valid.for_each(|(cell, calibration)| cell.calibration = calibration);
+        valid.for_each(|(cell, calibration)| *cell = cell.calibrated(calibration));
     }
     calibration.id
 }

@@ -59,8 +59,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     ) {
         let places = self.cells.iter_mut().zip(cells).skip(first);
         for ((place, cell), &calibration) in places.zip(calibrations).filter(|(_, new)| new.is_valid()) {
-            let cell = SetupCell { calibration, ..cell };
-            *place = InsoleCell::new(&cell, &self.setup.contact, &self.curve, &self.division);
+            *place = InsoleCell::new(&cell.calibrated(calibration), &self.setup.contact, &self.curve, &self.division);
         }
         self.sum_residuals();
     }

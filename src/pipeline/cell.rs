@@ -22,13 +22,13 @@ pub(crate) struct InsoleCell<R> {
 impl<R: Real> InsoleCell<R> {
     /// A cell without contact.
     pub(crate) fn new(cell: &SetupCell, contact: &ContactRule, curve: &Curve, division: &Division) -> Self {
-        let SetupCell { cell, calibration, row_column } = cell;
+        let calibration = &cell.calibration();
         let (x_mm, y_mm) = division.origins_mm[cell.region as usize];
         Self {
             baseline: Baseline::new(calibration),
             contact: ContactCell::new(contact, curve, calibration, 0.0),
-            region: RegionCell::new(cell, calibration.gain, x_mm, y_mm),
-            marks: CellMarks::new(*row_column),
+            region: RegionCell::new(&cell.cell(), calibration.gain, x_mm, y_mm),
+            marks: CellMarks::new(cell.row_column),
             share_at_peak: 0,
         }
     }

@@ -55,16 +55,50 @@ impl Setup {
 }
 
 /// The configuration of one cell. Cells are in the order of their codes in a frame, grouped by region in the order of
-/// [`super::region::Region::ALL`].
+/// [`Region::ALL`]. An insole stores up to 256 of them in RAM, so the fields are not grouped: with a [`Cell`] and a
+/// [`CellCalibration`], which have unused bytes, a configuration would have 28 bytes instead of 20.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SetupCell {
-    /// Position, area and region.
-    pub cell: Cell,
-    /// Calibration.
-    pub calibration: CellCalibration,
+    /// Region.
+    pub region: Region,
+    /// As [`Cell::x_mm`].
+    pub x_mm: f32,
+    /// As [`Cell::y_mm`].
+    pub y_mm: f32,
+    /// As [`Cell::area_mm2`].
+    pub area_mm2: f32,
+    /// As [`CellCalibration::offset`].
+    pub offset: u16,
+    /// As [`CellCalibration::gain`].
+    pub gain: f32,
     /// Position in the matrix, row times 16 plus column, from which faults of whole rows and columns are recognised. It is
     /// ignored in an insole with more than [`crate::faults::MATRIX_CELLS`] cells.
     pub row_column: u8,
+}
+
+impl SetupCell {
+    /// The configuration of a cell.
+    pub const fn new(cell: Cell, calibration: CellCalibration, row_column: u8) -> Self {
+        let Cell { region, x_mm, y_mm, area_mm2 } = cell;
+        let CellCalibration { offset, gain } = calibration;
+        Self { region, x_mm, y_mm, area_mm2, offset, gain, row_column }
+    }
+
+    /// Position, area and region.
+    pub const fn cell(&self) -> Cell {
+        Cell { region: self.region, x_mm: self.x_mm, y_mm: self.y_mm, area_mm2: self.area_mm2 }
+    }
+
+    /// Calibration.
+    pub const fn calibration(&self) -> CellCalibration {
+        CellCalibration { offset: self.offset, gain: self.gain }
+    }
+
+    /// The same cell with another calibration.
+    #[must_use]
+    pub const fn calibrated(&self, calibration: CellCalibration) -> Self {
+        Self { offset: calibration.offset, gain: calibration.gain, ..*self }
+    }
 }
 
 /// The reason why a configuration was rejected. The previous configuration remains in force.
@@ -189,7 +223,7 @@ fn divide(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Div
     let mut corners = [((f32::MAX, f32::MAX), (f32::MIN, f32::MIN)); 8];
     let mut last_region = 0;
     let mut count = 0;
-    for SetupCell { cell, calibration, .. } in cells {
+    for cell in cells {
         let number = count as u16;
         count += 1;
         if count > capacity {
@@ -197,7 +231,7 @@ fn divide(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Div
         }
         let has_area = (MIN_CELL_MM2..=MAX_CELL_MM2).contains(&cell.area_mm2);
         let is_near = cell.x_mm.abs() <= MAX_COORDINATE_MM && cell.y_mm.abs() <= MAX_COORDINATE_MM;
-        if !is_near || !has_area || !calibration.is_valid() {
+        if !is_near || !has_area || !cell.calibration().is_valid() {
             return Err(SetupError::Cell(number));
         }
         let region = cell.region as usize;

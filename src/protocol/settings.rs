@@ -48,9 +48,9 @@ impl Settings {
 
     /// A cell of the board's layout, scaled by [`Settings::scale`].
     pub fn scaled(&self, mut cell: SetupCell) -> SetupCell {
-        cell.cell.x_mm *= self.scale;
-        cell.cell.y_mm *= self.scale;
-        cell.cell.area_mm2 *= self.scale * self.scale;
+        cell.x_mm *= self.scale;
+        cell.y_mm *= self.scale;
+        cell.area_mm2 *= self.scale * self.scale;
         cell
     }
 

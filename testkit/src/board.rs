@@ -13,7 +13,6 @@ use plantar::firmware::board::{BluetoothBoard, Matrix, MatrixTimeout, Stopwatch}
 use plantar::firmware::boot_report::{Failures, RADIO_DELAYED};
 use plantar::insole::Insole;
 use plantar::pipeline::ellipse::Ellipse;
-use plantar::pipeline::region::Cell;
 use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
 use plantar::protocol::gatt::GattChannel;
 use plantar::protocol::{Bout, LoadRecord, MAX_FAULT_TEXT, Settings, Step};
@@ -104,12 +103,9 @@ impl Reference {
             scale = settings.scale;
         }
         let cells = wearer.cells().map(|cell| SetupCell {
-            cell: Cell {
-                x_mm: scale * cell.cell.x_mm,
-                y_mm: scale * cell.cell.y_mm,
-                area_mm2: scale * scale * cell.cell.area_mm2,
-                ..cell.cell
-            },
+            x_mm: scale * cell.x_mm,
+            y_mm: scale * cell.y_mm,
+            area_mm2: scale * scale * cell.area_mm2,
             ..cell
         });
         let mut insole = Box::new(Insole::new());

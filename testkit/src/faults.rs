@@ -78,7 +78,7 @@ pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>
     if let Some(tissue) = tissue {
         insole.set_tissue(tissue).expect("the parameters are valid");
     }
-    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.offset).collect();
     let mut codes = vec![0; zeros.len()];
     let (mut toe_offs_s, mut forces_n) = (Vec::new(), Vec::new());
     for i in 0..virtual_insole.frames(recording) {
@@ -223,11 +223,11 @@ impl Loaded {
         }
         let cells = &virtual_insole.cells;
         let is_inner = |i: usize| {
-            let centre = &cells[i].cell;
+            let centre = &cells[i];
             let pitch_mm = centre.area_mm2.sqrt();
             let around: Vec<_> = (0..count)
                 .filter(|&j| j != i)
-                .map(|j| (j, cells[j].cell.x_mm - centre.x_mm, cells[j].cell.y_mm - centre.y_mm))
+                .map(|j| (j, cells[j].x_mm - centre.x_mm, cells[j].y_mm - centre.y_mm))
                 .filter(|(_, dx, dy)| dx.abs().max(dy.abs()) <= 1.5 * pitch_mm)
                 .collect();
             around.len() >= 8 && around.iter().all(|&(j, ..)| loaded[j])

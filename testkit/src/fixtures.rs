@@ -41,7 +41,7 @@ pub static TISSUE: LazyLock<Tissue> = LazyLock::new(|| {
 
 /// A cell with the ideal calibration.
 pub fn cell(region: Region, x_mm: f32, y_mm: f32, area_mm2: f32) -> SetupCell {
-    SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL, row_column: 0 }
+    SetupCell::new(Cell { region, x_mm, y_mm, area_mm2 }, CellCalibration::IDEAL, 0)
 }
 
 /// The table of a sensor law, which the firmware evaluates.
@@ -72,7 +72,7 @@ pub fn moments(cells: &[(Cell, u16)], x_mm: f32, y_mm: f32) -> AreaMoments {
 
 /// Area moments of one cell of this area that is wholly in contact, about its centre.
 pub fn area_moments(area_mm2: f32) -> AreaMoments {
-    moments(&[(cell(Region::Heel, 0.0, 0.0, area_mm2).cell, WHOLE)], 0.0, 0.0)
+    moments(&[(cell(Region::Heel, 0.0, 0.0, area_mm2).cell(), WHOLE)], 0.0, 0.0)
 }
 
 /// A hello in which every optional field is present.

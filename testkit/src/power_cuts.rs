@@ -138,9 +138,9 @@ impl Bench {
         client.set_identity(Side::Left, serial)?;
         known.serial.confirm();
 
-        let cells = self.virtual_insole.cells.iter().map(|cell| cell.calibration);
         let gain = 1.0 + f32::from(round) * 1e-4;
-        let cells: Vec<_> = cells.map(|calibration| CellCalibration { gain, ..calibration }).collect();
+        let cells = self.virtual_insole.cells.iter().map(|cell| CellCalibration { gain, ..cell.calibration() });
+        let cells: Vec<_> = cells.collect();
         let mut id = CalibrationId::new();
         id.add(&cells);
         known.calibration_id.set_pending(id.id());

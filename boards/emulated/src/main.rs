@@ -39,7 +39,6 @@ use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
 use plantar::protocol::Reset;
 use plantar::protocol::update::Header;
 use plantar::sequence::is_after;
-use plantar::storage::Store;
 use port::{Port, PortHandle};
 use static_cell::StaticCell;
 use stm32_metapac::{Interrupt, USART1, USART2, USART3, interrupt};
@@ -144,7 +143,7 @@ fn main() -> ! {
     }
 }
 
-/// Starts the firmware and spawns its loops.
+/// Starts the firmware and spawns its loops, except [`persist::persist`], for which this task reuses the memory of the start.
 #[embassy_executor::task]
 async fn run(boot: BootReport, image: &'static Header) {
     // SAFETY: this task runs on an executor of this program, so its context is that of an `embassy-executor` task.
@@ -193,9 +192,9 @@ async fn run(boot: BootReport, image: &'static Header) {
     SCAN_EXECUTOR.start(Interrupt::TIM2).spawn(run_scan(clock, matrix, to_process).unwrap());
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(shared).unwrap());
-    spawner.spawn(run_persist(store, shared, image).unwrap());
     spawner.spawn(::bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
     spawner.spawn(pump_radio(radio_delay).unwrap());
+    persist::persist(store, shared, image, cortex_m_platform::image(), restart).await
 }
 
 #[embassy_executor::task]
@@ -215,11 +214,6 @@ async fn run_process(
 #[embassy_executor::task]
 async fn run_serve(shared: &'static Shared) {
     serve::serve(MayStall(PortHandle(&LINK)), MayStall(PortHandle(&LINK)), shared).await
-}
-
-#[embassy_executor::task]
-async fn run_persist(store: &'static mut Store<FlashFile>, shared: &'static Shared, image: &'static Header) {
-    persist::persist(store, shared, image, cortex_m_platform::image(), cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]

@@ -60,7 +60,6 @@ use plantar::firmware::supervise::CHECK_PERIOD_MS;
 use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
 use plantar::protocol::Reset;
 use plantar::protocol::update::Header;
-use plantar::storage::Store;
 use radio::{Nrf52840, Parts};
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -210,7 +209,7 @@ fn line(pin: Peri<'static, AnyPin>) -> Output<'static> {
     Output::new(pin, Level::Low, OutputDrive::Standard)
 }
 
-/// Starts the firmware and spawns its loops.
+/// Starts the firmware and spawns its loops, except [`persist::persist`], for which this task reuses the memory of the start.
 #[embassy_executor::task]
 async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_crystal: bool) {
     // SAFETY: this task runs on an executor of this program, so its context is that of an `embassy-executor` task.
@@ -297,8 +296,8 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     clock::wait_for_fast_crystal();
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());
-    spawner.spawn(run_persist(store, shared, image).unwrap());
     spawner.spawn(bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    persist::persist(store, shared, image, cortex_m_platform::image(), SCB::sys_reset).await
 }
 
 #[embassy_executor::task]
@@ -319,11 +318,6 @@ async fn run_process(
 async fn run_serve(link: BufferedUarte<'static>, shared: &'static Shared) {
     let (rx, tx) = link.split();
     serve::serve(rx, tx, shared).await
-}
-
-#[embassy_executor::task]
-async fn run_persist(store: &'static mut Store<Chip>, shared: &'static Shared, image: &'static Header) {
-    persist::persist(store, shared, image, cortex_m_platform::image(), SCB::sys_reset).await
 }
 
 /// Runs the executor of the scan.

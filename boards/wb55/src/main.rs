@@ -41,7 +41,6 @@ use plantar::firmware::supervise::CHECK_PERIOD_MS;
 use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
 use plantar::protocol::Reset;
 use plantar::protocol::update::Header;
-use plantar::storage::Store;
 use radio::Wb55;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -300,12 +299,13 @@ async fn main(spawner: Spawner) {
     SCAN_EXECUTOR.start(interrupt::SAI1).spawn(run_scan(clock, matrix, to_process).unwrap());
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());
-    spawner.spawn(run_persist(store, shared, image).unwrap());
     spawner.spawn(bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
     // Without a crystal, the radio's core does not run. The Bluetooth host waits for it then, which affects no other task.
     if has_crystal {
         spawner.spawn(run_radio(radio_delay, p.IPCC).unwrap());
     }
+    // In this task, the loop uses the memory that the start has used.
+    persist::persist(store, shared, image, cortex_m_platform::image(), cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]
@@ -326,11 +326,6 @@ async fn run_process(
 async fn run_serve(link: BufferedUart<'static>, shared: &'static Shared) {
     let (tx, rx) = link.split();
     serve::serve(rx, tx, shared).await
-}
-
-#[embassy_executor::task]
-async fn run_persist(store: &'static mut Store<Chip>, shared: &'static Shared, image: &'static Header) {
-    persist::persist(store, shared, image, cortex_m_platform::image(), cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]

@@ -24,7 +24,6 @@ use plantar::firmware::start::{Configuration, Memory, Started, start};
 use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::protocol::update::Header;
-use plantar::storage::Store;
 use plantar::storage::flash_map::{SECTOR, SMALLEST_CHIP};
 
 /// The header of this image: the name of the board, which updates must match, and the version.
@@ -171,7 +170,8 @@ async fn main(spawner: Spawner) {
     SCAN_EXECUTOR.start(SpareInterrupt).spawn(run_scan(Ticker::new(period_us), to_process).unwrap());
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(shared).unwrap());
-    spawner.spawn(run_persist(store, shared, image).unwrap());
+    // In this task, the loop uses the memory that the start has used.
+    persist::persist(store, shared, image, cortex_m_platform::image(), cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]
@@ -191,11 +191,6 @@ async fn run_process(
 #[embassy_executor::task]
 async fn run_serve(shared: &'static Shared) {
     serve::serve(NoPort, NoPort, shared).await
-}
-
-#[embassy_executor::task]
-async fn run_persist(store: &'static mut Store<NoChip>, shared: &'static Shared, image: &'static Header) {
-    persist::persist(store, shared, image, cortex_m_platform::image(), cortex_m::peripheral::SCB::sys_reset).await
 }
 
 /// The table of the controller's interrupt handlers, which the package of a controller contains. One entry is enough here.

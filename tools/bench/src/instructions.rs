@@ -90,7 +90,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
         let mut codes = vec![0; CELLS];
         virtual_insole.codes(recording.frame(0), &mut codes);
         for region in Region::ALL {
-            if !virtual_insole.cells.iter().zip(&codes).any(|(cell, &code)| cell.cell.region == region && code > 0) {
+            if !virtual_insole.cells.iter().zip(&codes).any(|(cell, &code)| cell.region == region && code > 0) {
                 bail!("the computed frame of {CELLS} cells loads no cell of the region {}", region.name());
             }
         }
@@ -115,7 +115,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
                 "at most 6,000: instructions that pack 240 loaded cells with one bit of noise, if they are streamed",
             );
             for (cell, gain) in virtual_insole.cells.iter_mut().zip([0.8, 1.25].into_iter().cycle()) {
-                cell.calibration.gain = gain;
+                cell.gain = gain;
             }
             virtual_insole.codes(recording.frame(0), &mut codes);
             figures.add(

@@ -583,7 +583,7 @@ mod tests {
                 stance: StanceRule::ADAPTIVE,
             };
             let cell = Cell { x_mm: 0.0, y_mm: 0.0, area_mm2: 60.0, region: Region::Heel };
-            let cell = SetupCell { cell, calibration: CellCalibration::IDEAL, row_column: 0 };
+            let cell = SetupCell::new(cell, CellCalibration::IDEAL, 0);
             let mut all = Plateaus::new(&setup, &[cell; CELLS], "test", "1.0.0");
             all.plateaus.extend(plateaus);
             all

@@ -29,7 +29,7 @@ pub fn isolate(
     let longest_frames = insole.longest_step_frames();
     // The number of cells of each region.
     let mut cells = [0; 8];
-    insole.cells.iter().for_each(|cell| cells[cell.cell.region as usize] += 1);
+    insole.cells.iter().for_each(|cell| cells[cell.region as usize] += 1);
     while let Some(scan) = scans.next_scan()? {
         let i = scan.index;
         if i == 0 {

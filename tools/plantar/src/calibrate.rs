@@ -352,9 +352,9 @@ fn measure_plateau(
 fn median_kpa(plateau: &Plateau, part: f32, cells: &[SetupCell], of: &Plateaus, curve: &Curve) -> f64 {
     let zero = of.plateaus.iter().find(|plateau| plateau.nominal_kpa == 0.0);
     let kpa = |(i, cell): (usize, &SetupCell)| {
-        let zero = zero.map_or(f32::from(cell.calibration.offset), |plateau| plateau.codes[i]);
+        let zero = zero.map_or(f32::from(cell.offset), |plateau| plateau.codes[i]);
         let above_zero = (plateau.codes[i] + part * plateau.changes[i] - zero).clamp(0.0, u16::MAX.into());
-        f64::from(cell.calibration.gain) * curve.pressure_kpa::<f64>(above_zero.round() as i32)
+        f64::from(cell.gain) * curve.pressure_kpa::<f64>(above_zero.round() as i32)
     };
     let mut all: Vec<f64> = cells.iter().enumerate().map(kpa).collect();
     quantile(&mut all, 0.5).unwrap_or(0.0)

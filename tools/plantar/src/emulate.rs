@@ -153,7 +153,7 @@ impl Emulate {
                 cells.len() - 1
             );
         }
-        let zeros: Vec<u16> = cells.iter().map(|cell| cell.calibration.offset).collect();
+        let zeros: Vec<u16> = cells.iter().map(|cell| cell.offset).collect();
         let period_us = insole.setup.period_us;
         let walk = Faulty::new(Recorded::new(recording, insole), self.fault.clone(), period_us, zeros);
         let time = match self.speed {

@@ -101,24 +101,21 @@ impl VirtualInsole {
             .enumerate()
             .map(|(index, &i)| {
                 let cell = &head.layout.cells[i];
-                SetupCell {
-                    cell: Cell {
-                        region: cell.region,
-                        x_mm: cell.x_mm as f32,
-                        y_mm: cell.y_mm as f32,
-                        area_mm2: cell.area_mm2 as f32,
-                    },
-                    calibration: CellCalibration::IDEAL,
-                    // In the emulated matrix, cells are wired in their order, 16 to a row. From cell 256 on the number wraps,
-                    // which has no effect: an insole with more than 256 cells (`plantar::faults::MATRIX_CELLS`) is not searched
-                    // for faults of rows and columns.
-                    row_column: index as u8,
-                }
+                let cell = Cell {
+                    region: cell.region,
+                    x_mm: cell.x_mm as f32,
+                    y_mm: cell.y_mm as f32,
+                    area_mm2: cell.area_mm2 as f32,
+                };
+                // In the emulated matrix, cells are wired in their order, 16 to a row. From cell 256 on the number wraps, which
+                // has no effect: an insole with more than 256 cells (`plantar::faults::MATRIX_CELLS`) is not searched for faults
+                // of rows and columns.
+                SetupCell::new(cell, CellCalibration::IDEAL, index as u8)
             })
             .collect();
         let geometry: Vec<u8> = cells
             .iter()
-            .flat_map(|c| [c.cell.x_mm, c.cell.y_mm, c.cell.area_mm2, c.cell.region as u8 as f32])
+            .flat_map(|c| [c.x_mm, c.y_mm, c.area_mm2, c.region as u8 as f32])
             .flat_map(f32::to_le_bytes)
             .collect();
         let setup = Setup {
@@ -184,7 +181,7 @@ impl VirtualInsole {
     pub(crate) fn subtract(&mut self, zero_kpa: &[f32]) {
         if self.has_code_offsets {
             for (cell, &kpa) in self.cells.iter_mut().zip(zero_kpa) {
-                cell.calibration.offset = self.law.code(kpa);
+                cell.offset = self.law.code(kpa);
             }
         } else {
             self.zero_kpa = self.insole_index.iter().map(|&index| zero_kpa[index]).collect();
@@ -238,7 +235,7 @@ impl VirtualInsole {
     /// The pressures, kPa, that a device measures with these codes. They are in the order of the recording.
     pub fn measured_by_codes_kpa(&self, codes: &[u16]) -> Vec<f32> {
         let measured = |&index: &usize| {
-            let CellCalibration { offset, gain } = self.cells[index].calibration;
+            let SetupCell { offset, gain, .. } = self.cells[index];
             gain * self.curve.pressure_kpa::<f32>((i32::from(codes[index]) - i32::from(offset)).max(0))
         };
         self.insole_index.iter().map(measured).collect()

@@ -130,11 +130,11 @@ pub fn is_plateau_kpa(kpa: f64) -> bool {
 impl Plateaus {
     /// No plateaus yet, of an insole with this configuration.
     pub fn new(setup: &Setup, cells: &[SetupCell], serial_number: &str, firmware: &str) -> Self {
-        let place = |SetupCell { cell, row_column, .. }: &SetupCell| PlateauCell {
+        let place = |cell: &SetupCell| PlateauCell {
             x_mm: cell.x_mm,
             y_mm: cell.y_mm,
             area_mm2: cell.area_mm2,
-            row_column: *row_column,
+            row_column: cell.row_column,
         };
         Self {
             version: VERSION,

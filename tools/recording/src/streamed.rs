@@ -107,7 +107,7 @@ impl StreamedCells {
 
 /// The cells in the order of the insole.
 fn layout(setup: &Setup, cells: &[SetupCell]) -> Layout {
-    let cell = |SetupCell { cell, .. }: &SetupCell| Cell {
+    let cell = |cell: &SetupCell| Cell {
         x_mm: cell.x_mm.into(),
         y_mm: cell.y_mm.into(),
         area_mm2: cell.area_mm2.into(),
@@ -119,7 +119,7 @@ fn layout(setup: &Setup, cells: &[SetupCell]) -> Layout {
 /// The pressure of a cell, kPa. It is computed by the sensor law itself, because the insole's table of the law is coarse near
 /// zero.
 fn pressure_kpa(law: &SensorLaw, cell: &SetupCell, code: u16) -> f32 {
-    let code = code.saturating_sub(cell.calibration.offset);
+    let code = code.saturating_sub(cell.offset);
     let share = f64::from(code) / f64::from(FULL_CODE);
-    cell.calibration.gain * (f64::from(law.full_kpa) * share.powf(1.0 / f64::from(law.exponent))) as f32
+    cell.gain * (f64::from(law.full_kpa) * share.powf(1.0 / f64::from(law.exponent))) as f32
 }

@@ -217,7 +217,7 @@ impl FootZero {
                     format!(
                         "the cell at x {:.0} mm, y {:.0} mm reads {kpa:.0} kPa unloaded, a code of at least half of \
                          its scale",
-                        cell.cell.x_mm, cell.cell.y_mm
+                        cell.x_mm, cell.y_mm
                     ),
                     "check the cell for a short circuit, or remove it from the layout",
                 ));

@@ -94,8 +94,8 @@ fn offsets_are_recovered_to_one_code_despite_noise() {
             recording.layout.cells.iter().map(|c| c.region).zip(offsets_kpa(parameters.cells)).collect();
         truth.sort_by_key(|&(region, _)| region);
         for (cell, (region, kpa)) in insole.cells.iter().zip(truth) {
-            assert_eq!(cell.cell.region, region);
-            let above = f64::from(cell.calibration.offset) - code(kpa);
+            assert_eq!(cell.region, region);
+            let above = f64::from(cell.offset) - code(kpa);
             // Codes are not negative, so noise about an offset of 0 raises the mean.
             let most = if kpa > 0.0 { 1.0 + error } else { 1.0 + 0.5 * noise_codes };
             assert!(
@@ -127,7 +127,7 @@ fn a_zero_is_exact_at_its_own_full_scale_and_accurate_to_one_code_at_others() {
         for (cell, &code) in insole.cells.iter().zip(&unloaded) {
             // The zero was measured in whole codes at a full scale of 1000 kPa. At a larger full scale, the same pressure need
             // not be a whole number of codes.
-            assert!(cell.calibration.offset.abs_diff(code) <= u16::from(largest_kpa > 0.0));
+            assert!(cell.offset.abs_diff(code) <= u16::from(largest_kpa > 0.0));
             assert_eq!(zero_offset([code]), Some(code));
         }
     }
@@ -168,7 +168,7 @@ fn the_zero_of_an_import_is_subtracted_from_its_pressures() {
     let (_, zero) = measured(&import(synthetic::standing(&SyntheticStanding::default()), &offsets_kpa));
     let mut insole = virtual_insole(&recorded);
     zero.apply_to(&mut insole, "zero").expect("this insole's zero");
-    assert!(insole.cells.iter().all(|cell| cell.calibration.offset == 0));
+    assert!(insole.cells.iter().all(|cell| cell.offset == 0));
     for i in 0..walk.frames() {
         for (true_kpa, kpa) in walk.frame(i).iter().zip(insole.measured_kpa(recorded.frame(i))) {
             // A code is 0.01 kPa, and the zero is rounded up by at most one. The insole's table of the law is coarse near zero.

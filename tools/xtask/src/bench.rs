@@ -58,8 +58,14 @@ fn run_bench(options: &[(&str, &Path)]) -> Result<()> {
     run_command(&mut command)
 }
 
-/// Measures flash and RAM of all boards. RAM is the static memory plus the deepest stack that the emulated board used in a walk.
-/// The stack of the other boards is not measured: apart from their drivers, they run the same code, so the same stack is assumed.
+/// Stack that a pairing may use, bytes. It is the deepest one, and depends on the moments of interrupts: 9,200 to 9,416 bytes were
+/// measured on the emulated board. The test `bluetooth::a_bonded_phone_receives_every_frame_and_step_of_a_walk` fails if a pairing
+/// uses more.
+const PAIRING_STACK_BYTES: u64 = 9_728;
+
+/// Measures flash and RAM of all boards. RAM is the static memory plus the stack in a walk, which is measured on the emulated
+/// board, or in a pairing, whichever is deeper. The stack of the other boards is not measured: apart from their drivers, they run
+/// the same code, so the same stack is assumed.
 pub fn sizes() -> Result<Figures> {
     setup::rust()?;
     setup::qemu()?;
@@ -82,8 +88,8 @@ pub fn sizes() -> Result<Figures> {
         );
         add(
             format!("ram_bytes.{board}"),
-            size.ram_bytes + stack_bytes,
-            "limit 98,304: static memory and deepest stack, bytes",
+            size.ram_bytes + stack_bytes.max(PAIRING_STACK_BYTES),
+            "limit 98,304: static memory and deepest stack, pairing included, bytes",
         );
     }
     for board in BOARDS.map(bootloader) {

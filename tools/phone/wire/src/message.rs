@@ -295,7 +295,7 @@ impl Serialize for ShownEllipse {
 }
 
 impl From<&SetupCell> for LayoutCell {
-    fn from(SetupCell { cell, .. }: &SetupCell) -> Self {
+    fn from(cell: &SetupCell) -> Self {
         Self { region: cell.region as usize, x_mm: cell.x_mm, y_mm: cell.y_mm, area_mm2: cell.area_mm2 }
     }
 }

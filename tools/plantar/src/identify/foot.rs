@@ -553,7 +553,7 @@ impl Trial {
     fn recording(&self, name: &str, calibrations: Option<&[CellCalibration]>) -> Result<Recording> {
         let mut cells = self.started.cells.clone();
         for (cell, calibration) in cells.iter_mut().zip(calibrations.unwrap_or_default()) {
-            cell.calibration = *calibration;
+            *cell = cell.calibrated(*calibration);
         }
         let mut streamed = StreamedCells::new(self.started.setup, cells, self.every);
         for (scan, codes) in self.regular_frames(name)? {
@@ -570,14 +570,14 @@ impl Trial {
         for (i, cell) in self.started.cells.iter().enumerate() {
             // A standing trial always has frames with a lifted foot, so the offset 0 is never used.
             let offset = zero_offset(lifted().map(|(_, codes)| codes[i])).unwrap_or(0);
-            let measured = CellCalibration { offset, ..cell.calibration };
+            let measured = CellCalibration { offset, ..cell.calibration() };
             if !measured.is_valid() {
                 bail!(
                     "{name}: cell {i} reads a code of at least half of its scale without load: it is shorted, or the foot was \
                      not lifted"
                 );
             }
-            let calibrated = self.is_calibrated.then_some(cell.calibration.offset);
+            let calibrated = self.is_calibrated.then_some(cell.offset);
             calibrations.push(CellCalibration { offset: offset_in_shoe(offset, calibrated), ..measured });
         }
         let corrected = self.recording(name, Some(&calibrations))?;
@@ -615,7 +615,7 @@ mod tests {
         };
         let frames = (0..standing.frames()).map(frame).collect();
         for cell in &mut insole.cells {
-            cell.calibration = CellCalibration { offset, ..CellCalibration::IDEAL };
+            *cell = cell.calibrated(CellCalibration { offset, ..CellCalibration::IDEAL });
         }
         let stream = CellStream { resolution: Resolution::Oversampled, every: 1 };
         let receiver = CellReceiver::new(&stream, insole.cells.len());
