@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 /// Why a request was not executed. Except after [`Refusal::NotStored`] and [`Refusal::Update`], nothing was changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// A frame arrived intact, and its message is unknown to this firmware or too short. `plantar serve` refuses a request of the
-    /// page that it does not understand with it, too.
+    /// A frame arrived intact, and its message is unknown to this firmware, too short or too long. `plantar serve` also refuses
+    /// with it what it does not accept from the page.
     NotUnderstood,
     /// The identifier of the parameters is not the checksum of their values.
     TissueId,

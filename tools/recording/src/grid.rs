@@ -219,8 +219,7 @@ pub struct Foot<'a> {
 
 impl Foot<'_> {
     /// The recording of this foot. Its cells are those that carry load in at least one frame, or those of an earlier recording.
-    /// Sentences about decisions of the import are added to
-    /// `remarks`.
+    /// Sentences about decisions of the import are added to `remarks`.
     ///
     /// # Errors
     /// Fails if no cell is ever loaded, the frames violate a rule of recordings, or the layout of the earlier recording does not
